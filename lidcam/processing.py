@@ -21,9 +21,9 @@ from lidcam.checks.lidars import LidarCheck
 from lidcam.checks.no_objects import ObjectCheck
 from lidcam.outputs.allowed import check_no_input
 from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
-from lidcam.outputs.input_files import input_files, read_named_files
-from lidcam.outputs.kinds import drawn_scenes
 from lidcam.outputs.open import how_to_open, make_pages, open_outputs, open_writers, written_files
+from lidcam.outputs.provenance import input_files, provenance_of, read_named_files
+from lidcam.outputs.writers import drawn_scenes
 from lidcam.pipeline.core.errors import RecordingError, short_memory_told
 from lidcam.pipeline.core.frame import FrameResult, SensorBundle
 from lidcam.pipeline.parallel.cores import usable_cores
@@ -102,7 +102,8 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunSumma
         with ExitStack() as stack:
             observer.opened(run.source)
             inputs = stack.enter_context(closing(input_files(run.source, named, is_written=bool(written))))
-            writers = open_writers(job, run.source, inputs, outputs, stack, run.report)
+            provenance = provenance_of(job, run.source, inputs, run.summary)
+            writers = open_writers(job, run.source, provenance, outputs, stack)
             # Closed before the writers are, also when the observer raises: then no stage is at work any more.
             folder = written[0].parent if written else None
             frames = stack.enter_context(closing(run.frames(writers, folder, partial(_advance, run, inputs, observer))))
@@ -111,7 +112,7 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunSumma
             whole = inputs.finish()
         make_pages(job, outputs)
         changed = [file.path for file in (*whole, *inputs.named.values()) if file.is_changed]
-        return run.report(whole, written, how_to_open(job), changed)
+        return run.summary(whole, written, how_to_open(job), changed)
 
 
 def iter_frames(job: Job) -> Generator[Frame, None, None]:
@@ -262,14 +263,14 @@ class Run:
         """The progress of the run."""
         return RunProgress(self._passed, self._tally.objects.total(), self._drops.total, self._log_time_ns)
 
-    def report(
+    def summary(
         self,
         inputs: Sequence[InputFile] = (),
         outputs: Sequence[Path] = (),
         viewers: Mapping[str, str] | None = None,
         changed: Sequence[str] = (),
     ) -> RunSummary:
-        """The report so far, with the files that were read, written, and changed while they were read."""
+        """The summary so far, with the files that were read, written, and changed while they were read."""
         source, found, tally, drops = self.source, self.found, self._tally, self._drops.rows
         motion_topics = source.motion.topics if source.motion else ()
         used = {*tally.messages, *(drop.topic for drop in drops), *motion_topics, *source.copied}

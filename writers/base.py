@@ -1,13 +1,17 @@
-"""The protocol of result writers."""
+"""The base of result writers."""
 
+from abc import ABC, abstractmethod
+from contextlib import ExitStack, suppress
+from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.messages import Drop
+from lidcam.writers.outputs.errors import output_errors
 
 
-class ResultWriter(Protocol):
+class ResultWriter(ABC):
     """Writes the frames of one run, in order.
 
     A context manager: what is written is complete when the block ends without error. It gets its name afterwards, with
@@ -15,9 +19,11 @@ class ResultWriter(Protocol):
 
     Attributes:
         name: Short name of the kind of output, for timings and messages.
+        path: The output in error messages.
     """
 
     name: str
+    path: Path
 
     def __enter__(self) -> Self:
         """Open the output.
@@ -25,7 +31,10 @@ class ResultWriter(Protocol):
         Raises:
             OutputError: it cannot be written.
         """
-        ...
+        with output_errors(self.path), ExitStack() as resources:
+            self._open(resources)
+            self._resources = resources.pop_all()
+        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -35,8 +44,14 @@ class ResultWriter(Protocol):
         Raises:
             OutputError: it cannot be completed.
         """
-        ...
+        if kind is not None:
+            with suppress(OSError):  # what is written is discarded
+                self._resources.__exit__(kind, error, trace)
+            return
+        with output_errors(self.path), self._resources:
+            self._finish()
 
+    @abstractmethod
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
         """Write one frame.
 
@@ -46,4 +61,9 @@ class ResultWriter(Protocol):
         Raises:
             OutputError: the frame cannot be written.
         """
-        ...
+
+    def _open(self, resources: ExitStack) -> None:  # noqa: B027
+        """Open the output; `resources` end with the block."""
+
+    def _finish(self) -> None:  # noqa: B027
+        """Write the end of the output."""

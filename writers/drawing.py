@@ -1,17 +1,20 @@
 """The drawing of objects, the same in every viewer: which are strong, their colours and texts."""
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Indices
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.clouds import CombinedCloud
-from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Boxes2D, Boxes3D, Matches, Source, source_names
+from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Boxes2D, Boxes3D, Matches, Source
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.optics.drawn_edges import draw_edges
+from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.tracks import NO_TRACK
 from lidcam.writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
 
@@ -36,86 +39,100 @@ PREDICTED_SHARE = 0.65
 ELLIPSE_CORNERS = 48
 """Corners of the polygon that is drawn as an ellipse."""
 
+_MISSING = {Source.CAMERA: "no lidar", Source.PREDICTED: "predicted"}
 _ANGLES = np.arange(ELLIPSE_CORNERS) * (2 * np.pi / ELLIPSE_CORNERS)
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 
 def strong_objects(result: FrameResult) -> Bools:
-    """(N,) which fused objects are drawn strong: a camera confirms them, or their score is high; the rest is faint."""
+    """(N,) which fused objects are drawn strong: a camera confirms them, or their score is high."""
     return np.asarray((result.fused.matched > 0) | (result.fused.objects.scores >= STRONG_SCORE))
 
 
-def track_numbers(result: FrameResult) -> I64:
-    """(N,) number of the track of each fused object; `NO_TRACK` of one without."""
-    tracks = result.fused.tracks
-    return np.full(len(result.fused.objects), NO_TRACK, np.int64) if tracks is None else tracks.ids
+def camera_image(result: FrameResult, camera: CameraSensor) -> RawMessage | None:
+    """The image of a camera in a frame; None where there is none, or a stage found it unfit."""
+    message = result.bundle.messages.get(camera.topic)
+    unfit = {(drop.topic, drop.stamp_ns) for drop in result.drops}
+    return None if message is None or (message.topic, message.stamp_ns) in unfit else message
 
 
-def roofs(boxes: Boxes3D) -> F64:
-    """(N, 3) the middle of the top of each box."""
-    return boxes.centers + [0.0, 0.0, 0.5] * boxes.sizes
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnObjects:
+    """The N fused objects of a frame, as every viewer draws them.
 
-
-def predicted_objects(result: FrameResult) -> Bools:
-    """(N,) which fused objects nothing in the frame shows: they are where their tracks say."""
-    return np.asarray(result.fused.objects.sources == Source.PREDICTED)
-
-
-def thin_objects(result: FrameResult) -> Bools:
-    """(N,) which fused objects no lidar shows: they are drawn thinner, and with how sure their place is."""
-    return np.asarray((result.fused.objects.sources == Source.CAMERA) | predicted_objects(result))
-
-
-def arrow_lengths(result: FrameResult) -> F64:
-    """(N,) lengths of the arrows along the headings, metres; 0 where no motion has shown which end is the front."""
-    objects, tracks = result.fused.objects, result.fused.tracks
-    lengths = ARROW_SHARE * objects.sizes[:, 0]
-    if tracks is None:
-        return np.zeros_like(lengths)
-    ahead = tracks.velocities[:, 0] * np.cos(objects.yaws) + tracks.velocities[:, 1] * np.sin(objects.yaws)
-    return np.where(tracks.fronts_known, lengths + ARROW_S * np.maximum(ahead, 0.0), 0.0)
-
-
-def object_colors(result: FrameResult) -> F64:
-    """(N, 3) red, green, blue in [0, 1] of each fused object: its class's, darker where unsure or predicted."""
-    objects = result.fused.objects
-    colors = np.array([class_color(class_id) for class_id in objects.class_ids.tolist()]).reshape(-1, 3)
-    brightness = FAINTEST + (1 - FAINTEST) * np.where(strong_objects(result), 1.0, objects.scores)
-    brightness *= np.where(predicted_objects(result), PREDICTED_SHARE, 1.0)
-    return colors * brightness[:, None]
-
-
-def object_labels(result: FrameResult, class_names: Sequence[str]) -> list[str]:
-    """The text beside each fused object: `car #12, 4.3 m/s` of a track, `car 0.82 (2 cam)` without one.
-
-    Both say what is missing: `no lidar` where the cameras alone place the object, `predicted` where nothing shows it.
+    Attributes:
+        result: The frame.
+        boxes: Its fused objects.
+        class_names: By class id.
+        tracks: (N,) number of the track of each; `NO_TRACK` without.
+        strong: (N,) confirmed by a camera, or with a high score; the others are faint.
+        predicted: (N,) shown by nothing in the frame: they are where their tracks say.
+        thin: (N,) shown by no lidar: drawn thinner, and with the uncertainty of their place.
+        colors: (N, 3) red, green, blue in [0, 1]: that of the class, darker where unsure or predicted.
+        names: Class, number and speed of those with a track; class and score of the others.
+        labels: The same with what is missing: `car #12, 4.3 m/s`, `car 0.82 (2 cam)`, `car 0.31 (no lidar)`.
     """
-    names, sources = _names(result, class_names), source_names(result.fused.objects.sources)
-    columns = zip(names, track_numbers(result).tolist(), result.fused.matched.tolist(), sources, strict=True)
-    return [name + _remark(source, cameras if number == NO_TRACK else 0) for name, number, cameras, source in columns]
 
+    result: FrameResult
+    boxes: Boxes3D
+    class_names: Sequence[str]
+    tracks: I64
+    strong: Bools
+    predicted: Bools
+    thin: Bools
+    colors: F64
+    names: Sequence[str]
+    labels: Sequence[str]
 
-def _remark(source: str, cameras: int) -> str:
-    missing = {"camera": ["no lidar"], "predicted": ["predicted"]}.get(source, [])
-    parts = [f"{cameras} cam"] * (cameras > 0) + missing
-    return f" ({', '.join(parts)})" if parts else ""
+    @classmethod
+    def of(cls, result: FrameResult, class_names: Sequence[str]) -> Self:
+        """The objects of one frame."""
+        boxes, tracks, cameras = result.fused.objects, result.fused.tracks, result.fused.matched
+        strong = strong_objects(result)
+        predicted = np.asarray(boxes.sources == Source.PREDICTED)
+        colors = np.array([class_color(class_id) for class_id in boxes.class_ids.tolist()]).reshape(-1, 3)
+        brightness = FAINTEST + (1 - FAINTEST) * np.where(strong, 1.0, boxes.scores)
+        brightness *= np.where(predicted, PREDICTED_SHARE, 1.0)
+        numbers = np.full(len(boxes), NO_TRACK, np.int64) if tracks is None else tracks.ids
+        speeds_m_s = np.zeros(len(boxes)) if tracks is None else tracks.speeds
+        names, labels = [], []
+        columns = (boxes.class_ids, boxes.scores, numbers, speeds_m_s, cameras, boxes.sources)
+        for class_id, score, number, speed_m_s, count, source in zip(*(c.tolist() for c in columns), strict=True):
+            remarks = [_MISSING[source]] if source in _MISSING else []
+            if number == NO_TRACK:
+                names.append(f"{class_names[class_id]} {score:.2f}")
+                remarks = [f"{count} cam"] * (count > 0) + remarks
+            else:
+                speed = f", {speed_m_s:.1f} m/s" if speed_m_s >= STANDING_M_S else ""
+                names.append(f"{class_names[class_id]} #{number}{speed}")
+            labels.append(names[-1] + (f" ({', '.join(remarks)})" if remarks else ""))
+        return cls(
+            result=result,
+            boxes=boxes,
+            class_names=class_names,
+            tracks=numbers,
+            strong=strong,
+            predicted=predicted,
+            thin=np.asarray((boxes.sources == Source.CAMERA) | predicted),
+            colors=colors * brightness[:, None],
+            names=names,
+            labels=labels,
+        )
 
+    @property
+    def roofs(self) -> F64:
+        """(N, 3) the middle of the top of each box."""
+        return self.boxes.centers + [0.0, 0.0, 0.5] * self.boxes.sizes
 
-def _names(result: FrameResult, class_names: Sequence[str]) -> list[str]:
-    """Class, number and speed of each object that has a track; class and score of the others."""
-    objects, tracks = result.fused.objects, result.fused.tracks
-    names, scores = [class_names[class_id] for class_id in objects.class_ids.tolist()], objects.scores.tolist()
-    if tracks is None:
-        return [f"{name} {score:.2f}" for name, score in zip(names, scores, strict=True)]
-    columns = zip(names, scores, tracks.ids.tolist(), tracks.speeds.tolist(), strict=True)
-    return [
-        f"{name} {score:.2f}" if number == NO_TRACK else f"{name} #{number}{_speed(speed_m_s)}"
-        for name, score, number, speed_m_s in columns
-    ]
-
-
-def _speed(speed_m_s: float) -> str:
-    return f", {speed_m_s:.1f} m/s" if speed_m_s >= STANDING_M_S else ""
+    @property
+    def arrow_lengths_m(self) -> F64:
+        """(N,) lengths of the arrows along the headings; 0 where no motion has shown which end is the front."""
+        boxes, tracks = self.boxes, self.result.fused.tracks
+        if tracks is None:
+            return np.zeros(len(boxes))
+        ahead = tracks.velocities[:, 0] * np.cos(boxes.yaws) + tracks.velocities[:, 1] * np.sin(boxes.yaws)
+        lengths = ARROW_SHARE * boxes.sizes[:, 0] + ARROW_S * np.maximum(ahead, 0.0)
+        return np.where(tracks.fronts_known, lengths, 0.0)
 
 
 def object_edges(result: FrameResult, cameras: Iterable[str]) -> dict[str, ObjectEdges]:
@@ -185,12 +202,12 @@ class DrawnBoxes2D(NamedTuple):
         return np.array([color == MATCHED for color in self.colors], np.bool_)
 
 
-def drawn_boxes_2d(result: FrameResult, camera: str, class_names: Sequence[str]) -> DrawnBoxes2D:
+def drawn_boxes_2d(drawn: DrawnObjects, camera: str) -> DrawnBoxes2D:
     """The 2D boxes of a camera."""
+    result = drawn.result
     boxes: Boxes2D | None = result.detections.cameras.get(camera)
     if boxes is None:
         return DrawnBoxes2D(np.zeros((0, 4), np.float32), (), ())
-    names = _names(result, class_names)
     object_of_row = {row: index for index, row in enumerate(result.fused.rows.tolist()) if row != NO_HYPOTHESIS}
     matches: Matches | None = result.matches.get(camera)
     pairs = zip(matches.pairs.tolist(), matches.iou.tolist(), strict=True) if matches is not None else ()
@@ -198,7 +215,7 @@ def drawn_boxes_2d(result: FrameResult, camera: str, class_names: Sequence[str])
     found = [of_box.get(row, (-1, 0.0)) for row in range(len(boxes))]
     labels = []
     for (index, _), class_id, score in zip(found, boxes.class_ids.tolist(), boxes.scores.tolist(), strict=True):
-        labels.append(names[index] if index >= 0 else f"{class_names[class_id]} {score:.2f}")
+        labels.append(drawn.names[index] if index >= 0 else f"{drawn.class_names[class_id]} {score:.2f}")
     colors = [MATCHED if index >= 0 else CAMERA_ONLY for index, _ in found]
     return DrawnBoxes2D(boxes.xyxy, colors, labels, [index for index, _ in found], [iou for _, iou in found])
 

@@ -5,8 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64
-from lidcam.pipeline.core.frame import FrameResult
-from lidcam.writers.drawing import roofs, strong_objects
+from lidcam.writers.drawing import DrawnObjects
 from lidcam.writers.viewpoint import SceneSurvey, Viewpoint
 
 _VIEW_PX, _LINE_PX, _LETTER_PX, _PADDING_PX = 480.0, 26.0, 7.5, 18.0
@@ -27,14 +26,14 @@ class LabelPlaces:
         self._eye: Viewpoint | None = None
         self._is_settled = False
 
-    def of(self, result: FrameResult, labels: Sequence[str]) -> F64:
-        """(N, 3) places of the labels (N,) of the strong objects of a frame; the roofs of the others."""
-        places, strong = roofs(result.fused.objects), strong_objects(result)
+    def of(self, drawn: DrawnObjects) -> F64:
+        """(N, 3) places of the labels of the strong objects of a frame; the roofs of the others."""
+        places, strong = drawn.roofs, drawn.strong
         if not strong.any():
             return places
         if self._eye is None or self._is_settled != self._survey.is_complete:  # at first, and once that is settled
             self._eye, self._is_settled = self._place_eye(self._survey), self._survey.is_complete
-        texts = [label for label, shown in zip(labels, strong.tolist(), strict=True) if shown]
+        texts = [label for label, shown in zip(drawn.labels, strong.tolist(), strict=True) if shown]
         places[strong] = labels_apart(places[strong], texts, self._eye, self._fov_y_deg)
         return places
 

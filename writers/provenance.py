@@ -26,7 +26,7 @@ class Provenance:
         boxes3d_topics: Topics of the recorded 3D boxes that were used.
         start_ns: Log time of the first input message: used for the attachments in place of the wall clock.
         named: Names of the files that the settings name, and the provider that ran the 2D network.
-        account: Gives, at the end of a run, what it used, dropped and warned of, as JSON.
+        summary: Gives, at the end of a run, its summary as JSON.
     """
 
     version: str
@@ -39,7 +39,7 @@ class Provenance:
     start_ns: int
     boxes3d_topics: tuple[str, ...] = ()
     named: Mapping[str, str] = field(default_factory=dict)
-    account: Callable[[], str] = lambda: "{}"
+    summary: Callable[[], str] = lambda: "{}"
 
     def metadata(self) -> dict[str, str]:
         """The content of the metadata record `lidcam`."""

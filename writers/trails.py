@@ -10,7 +10,6 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.frame import FrameResult, own_motion
 from lidcam.pipeline.core.settings.combine import MotionConfig
 from lidcam.pipeline.core.tracks import NO_TRACK
-from lidcam.writers.drawing import track_numbers
 
 TRAIL_S = 3.0
 """Length of a trail."""
@@ -41,7 +40,8 @@ class Trails:
             For each fused object (K, 3) the middle of its bottom in the site frame, from its oldest place to that in
             this frame; (0, 3) where that is the only one, and of objects without a track.
         """
-        objects, numbers, now_ns = result.fused.objects, track_numbers(result), result.bundle.stamp_ns
+        objects, tracks, now_ns = result.fused.objects, result.fused.tracks, result.bundle.stamp_ns
+        numbers = np.full(len(objects), NO_TRACK, np.int64) if tracks is None else tracks.ids
         moved = own_motion(result.bundle, self._last_ns, self._site_frame, self._motion)
         age_s = (now_ns - self._stamps_ns) / 1e9
         kept = (age_s > 0) & (age_s <= TRAIL_S) & (moved is not None)

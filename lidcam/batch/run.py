@@ -21,14 +21,7 @@ from lidcam.run.job import Job
 logger = logging.getLogger(__name__)
 
 MATCHES = "_matches"
-OUTPUT_ENDINGS = {
-    "rerun": ".rrd",
-    "report": ".html",
-    "objects": ".parquet",
-    "video": ".mp4",
-    "save_matches": MATCHES,
-}
-"""Endings of the names of the outputs beside the .mcap, by the option; that of a folder has no dot."""
+"""End of the name of a folder of images, which has no ending."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +32,7 @@ class BatchOptions:
         out: Folder of the results, local or of an object store.
         job: The job of each recording, without inputs and outputs; `overwrite` also reprocesses results that are up to
             date.
-        endings: Further outputs of each recording, of `OUTPUT_ENDINGS`.
+        endings: Further outputs of each recording, by the endings of their names.
         fail_fast: Start no other job after one that failed.
     """
 
@@ -120,9 +113,9 @@ def _processed(
     if MATCHES in options.endings:
         folder, slash, name = job.name.rpartition("/")
         matches = store.files.at(f"{folder}{slash}{name.replace('.', '_')}{MATCHES}")
-    template = options.job if not isinstance(matches, Path) else replace(options.job, save_matches=matches)
+    folders = (matches,) if isinstance(matches, Path) else ()
     outputs = tuple(map(store.files.at, names))
-    record = engine.run(Task(begun, replace(template, inputs=job.inputs), outputs), keep_open=lock)
+    record = engine.run(Task(begun, replace(options.job, inputs=job.inputs, outputs=folders), outputs), keep_open=lock)
     if record.state == "failed":
         return record
     sizes = {name: store.files.size(name) for name in names}

@@ -89,11 +89,12 @@ def batch(
 
     from lidcam.batch.jobs import find_jobs
     from lidcam.batch.local import jobs_that_fit
-    from lidcam.batch.run import OUTPUT_ENDINGS, BatchOptions, run_batch
+    from lidcam.batch.run import MATCHES, BatchOptions, run_batch
     from lidcam.batch.store import Store
     from lidcam.batch.table import TABLE, records_table
     from lidcam.cli.printing.batch import print_batch, shown_batch
     from lidcam.cli.printing.terminal import console, show_json
+    from lidcam.outputs.registry import endings_of
     from lidcam.pipeline.parallel.cores import usable_cores
     from lidcam.run.job import make_job
 
@@ -108,14 +109,14 @@ def batch(
     # Settings, rig and network are checked once, before any recording is read.
     options["overwrite"], options["workers"] = reprocess, cores
     job = make_job((), **options)
-    wanted = {
-        "rerun": rerun,
-        "report": report,
-        "objects": objects,
-        "video": video,
-        "save_matches": matches,
+    switches = {
+        "--rerun": rerun,
+        "--report": report,
+        "--objects": objects,
+        "--video": video,
+        "--save-matches": matches,
     }
-    endings = [OUTPUT_ENDINGS[name] for name, is_wanted in wanted.items() if is_wanted]
+    endings = [endings_of(option)[0] or MATCHES for option, is_wanted in switches.items() if is_wanted]
     store = Store(place)
     subprocess.run([sys.executable, "-c", COMPILE], check=False)
     with shown_batch(found) as told:

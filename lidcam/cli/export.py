@@ -8,8 +8,7 @@ import typer
 from lidcam.cli.options import Truth, with_log_options
 from lidcam.cli.printing.log import remark_log
 from lidcam.cli.verdict import Verdict
-
-FormatName = Literal["kitti", "kitti-tracking", "nuscenes", "openlabel"]
+from lidcam.outputs.registry import DatasetFormat
 
 # \b keeps the lines of a paragraph as they are.
 EXPORT_EXAMPLES = """\b
@@ -22,7 +21,7 @@ Examples:
 @with_log_options
 def export(
     results: Annotated[list[Path], typer.Argument(metavar="RESULT.mcap...", help="What `lidcam process` wrote.")],
-    format_name: Annotated[FormatName, typer.Option("--format", help="Layout of the data set.")],
+    format_name: Annotated[DatasetFormat, typer.Option("--format", help="Layout of the data set.")],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Output folder; must be empty or not exist.")],
     only: Annotated[
         Literal["confirmed"] | None, typer.Option("--only", help="Only objects that a camera confirms.")
@@ -44,7 +43,7 @@ def export(
     from lidcam.cli.printing.progress import show_progress
     from lidcam.outputs.allowed import Replaceable, check_no_input, check_replaced
     from lidcam.outputs.export.export import export_results
-    from lidcam.outputs.export.formats import ExportOptions
+    from lidcam.outputs.export.scene import ExportOptions
     from lidcam.run.job import locations
     from lidcam.writers.outputs.transaction import OutputTransaction
 

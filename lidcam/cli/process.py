@@ -62,15 +62,14 @@ def process(
             "may be s3://.",
         ),
     ],
-    rerun: Annotated[str | None, output_option("Also write a Rerun recording.", ".rrd")] = None,
+    rerun: Annotated[str | None, output_option("--rerun", "Also write a Rerun recording.")] = None,
     objects: Annotated[
-        str | None,
-        output_option("Also write a table of the objects, one row per object and frame.", ".csv", ".parquet"),
+        str | None, output_option("--objects", "Also write a table of the objects, one row per object and frame.")
     ] = None,
-    report: Annotated[str | None, output_option("Also write a page about the result.", ".html")] = None,
+    report: Annotated[str | None, output_option("--report", "Also write a page about the result.")] = None,
     video: Annotated[
         str | None,
-        output_option("Also write a film of all cameras and the site from above (extra video).", ".mp4"),
+        output_option("--video", "Also write a film of all cameras and the site from above (extra video)."),
     ] = None,
     print_detections: Annotated[
         bool, typer.Option("--print-detections", help="Print each frame's detections by sensor, and the fused objects.")

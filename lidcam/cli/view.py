@@ -32,7 +32,7 @@ def view(
 
     from lidcam.cli.printing.folding import show_line
     from lidcam.cli.printing.terminal import console
-    from lidcam.outputs.kinds import OUTPUTS
+    from lidcam.outputs.registry import output_of
 
     if not result.is_file():
         raise OutputError(f"{result}: expected a result to open, found no such file")
@@ -47,8 +47,10 @@ def view(
         if not webbrowser.open(result.resolve().as_uri()):
             raise OutputError(f"{result}: found no browser to open it with; copy this one file to a machine with one")
     elif result.suffix == ".mcap":
-        kind, layout = OUTPUTS[result.suffix], result.with_suffix(".foxglove.json")
-        show_line(console(), f"{kind.viewer}: {kind.how_to_open(result, (layout,) if layout.is_file() else ())}")
+        output, layout = output_of(result), result.with_suffix(".foxglove.json")
+        assert output is not None
+        how = output.instruction(result, (layout,) if layout.is_file() else ())
+        show_line(console(), f"{output.name}: {how}")
         show_line(console(), "Rerun opens it, too, but without the objects; use --rerun OUT.rrd for those.")
     else:
         raise OutputError(f"{result}: expected a name that ends in .rrd, .html or .mcap")

@@ -58,8 +58,8 @@ def load_result(path: Path) -> tuple[RunSummary, Objects]:
         CalibrationError: its rig cannot be used.
     """
     with open_result(path) as result:
-        if not result.account:
-            raise RecordingError(f"{path}: expected the account of a run in it, found none: process the recording anew")
+        if not result.summary:
+            raise RecordingError(f"{path}: expected the summary of a run in it, found none: process the recording anew")
         users, parts = RoadUserTally(result.config, result.rig), [Objects.empty(result.rig, result.config.object_names)]
         try:
             for index, messages in enumerate(result.messages_of_frames([FUSED, TRACKS_TOPIC, SCENE])):
@@ -119,58 +119,58 @@ def _objects(index: int, messages: Mapping[str, RawMessage], result: Result) -> 
 
 
 def _report(result: Result, path: Path, users: RoadUserTally) -> RunSummary:
-    account: Mapping[str, Any] = result.account
-    motion, sync, more = account["motion"], account["sync"], account["losses_more"]
+    summary: Mapping[str, Any] = result.summary
+    motion, sync, more = summary["motion"], summary["sync"], summary["losses_more"]
     files = tuple(_input_files(result.metadata))
-    losses = [(Path(one["file"]), one["position"], one["reason"]) for one in account["losses"]]
-    sizes = [(one["size"], one["messages"]) for one in account["losses"]]
-    silences = [tuple(SilentSpan(**span) for span in one["silences"]) for one in account["missing"]]
+    losses = [(Path(one["file"]), one["position"], one["reason"]) for one in summary["losses"]]
+    sizes = [(one["size"], one["messages"]) for one in summary["losses"]]
+    silences = [tuple(SilentSpan(**span) for span in one["silences"]) for one in summary["missing"]]
     return RunSummary(
         inputs=InputSummary(
             files=files,
             changed=tuple(file.name for file in files if file.is_changed),
-            messages_used=account["messages_used"],
-            copied=account["copied"],
-            unused_topics=tuple(UnusedTopic(topic, count, "") for topic, count in account["unused_topics"].items()),
+            messages_used=summary["messages_used"],
+            copied=summary["copied"],
+            unused_topics=tuple(UnusedTopic(topic, count, "") for topic, count in summary["unused_topics"].items()),
             losses=tuple(Loss(*loss, *size) for loss, size in zip(losses, sizes, strict=True)),
         ),
         frames=FrameSummary(
-            count=account["frames"],
-            objects={(one["class"], one["zone"] or ""): one["count"] for one in account["objects"]},
-            sources=account["object_sources"],
-            confirmed=account["confirmed"],
-            without_boxes=account["frames_without_boxes"],
-            without_boxes3d=account["frames_without_boxes3d"],
+            count=summary["frames"],
+            objects={(one["class"], one["zone"] or ""): one["count"] for one in summary["objects"]},
+            sources=summary["object_sources"],
+            confirmed=summary["confirmed"],
+            without_boxes=summary["frames_without_boxes"],
+            without_boxes3d=summary["frames_without_boxes3d"],
             compensated=motion["compensated_frames"],
             odometry=motion["frames_from_clouds"],
             odometry_predicted=motion["frames_predicted"],
-            points=account["points"],
+            points=summary["points"],
             **sync,
         ),
         drops=DropSummary(
-            messages=tuple(DropCount(**one) for one in account["drops"]),
-            boxes=account["unused_boxes"],
-            boxes3d=account["unused_boxes3d"],
-            boxes_without_object=account["boxes_without_object"],
-            objects=account["objects_left_out"],
+            messages=tuple(DropCount(**one) for one in summary["drops"]),
+            boxes=summary["unused_boxes"],
+            boxes3d=summary["unused_boxes3d"],
+            boxes_without_object=summary["boxes_without_object"],
+            objects=summary["objects_left_out"],
         ),
         sensors=SensorSummary(
             rig=result.rig,
-            calibration=tuple(SensorSource(**one) for one in account["calibration"]),
-            faults=tuple(SensorFault(**one) for one in account["faults"]),
+            calibration=tuple(SensorSource(**one) for one in summary["calibration"]),
+            faults=tuple(SensorFault(**one) for one in summary["faults"]),
             missing=tuple(
                 MissingSensor(**{**one, "silences": spans})
-                for one, spans in zip(account["missing"], silences, strict=True)
+                for one, spans in zip(summary["missing"], silences, strict=True)
             ),
-            box_source=account["box_source"],
-            box_source_3d=account["box_source_3d"],
+            box_source=summary["box_source"],
+            box_source_3d=summary["box_source_3d"],
             motion_topics=tuple(motion["topics"]),
         ),
         timing=TimingSummary({}, math.nan, math.nan),
         settings=UsedSettings(result.metadata["settings"], "given"),
         settings_sha256=settings_sha256(result.config),
-        notes=(*account["notes"], *([f"{more} more damaged parts, which the result does not list"] if more else [])),
-        warnings=tuple(RunWarning(**one) for one in account["warnings"]),
+        notes=(*summary["notes"], *([f"{more} more damaged parts, which the result does not list"] if more else [])),
+        warnings=tuple(RunWarning(**one) for one in summary["warnings"]),
         outputs=(path,),
         how_to_open={},
         road_users=users.road_users,

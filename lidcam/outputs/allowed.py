@@ -18,7 +18,6 @@ from rosbags.rosbag1 import Reader
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
 from lidcam.readers.location import Location
-from lidcam.writers.clouds.pcd import PCD_HEAD
 from lidcam.writers.outputs import marks
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.marks import is_unchanged_text
@@ -80,23 +79,28 @@ def is_marked_mcap(path: Path, mark: str) -> bool:
     return is_own and summary is not None and mark in {index.name for index in summary.metadata_indexes}
 
 
-def is_marked_rrd(path: Path) -> bool:
+def is_own_mcap(path: Path) -> bool:
+    """Whether a file is a result."""
+    return is_marked_mcap(path, marks.RESULT)
+
+
+def is_own_rrd(path: Path) -> bool:
     """Whether a file is a Rerun recording of lidcam."""
     head = _head(path, HEAD_BYTES)
     return head.startswith(b"RRF2") and RRD_STORE.search(head) is not None
 
 
-def is_marked_csv(path: Path) -> bool:
+def is_own_csv(path: Path) -> bool:
     """Whether a file is a table of objects: its first line has exactly their columns, which is its only mark."""
     return _head(path, HEAD_BYTES).startswith(CSV_HEADER.encode())
 
 
-def is_marked_page(path: Path) -> bool:
+def is_own_page(path: Path) -> bool:
     """Whether a file is a page about a result of lidcam."""
     return marks.PAGE.encode() in _head(path, HEAD_BYTES)
 
 
-def is_marked_parquet(path: Path) -> bool:
+def is_own_parquet(path: Path) -> bool:
     """Whether a file is a Parquet table of objects of lidcam that was closed: its metadata come last.
 
     Read without pyarrow, which starts threads: a run forks its workers later.
@@ -110,21 +114,14 @@ def is_marked_parquet(path: Path) -> bool:
     return tail.endswith(b"PAR1") and marks.OBJECTS.encode() in tail[-8 - int.from_bytes(tail[-8:-4], "little") :]
 
 
-def is_marked_clouds(path: Path) -> bool:
-    """Whether a folder has clouds of objects and nothing else, or nothing at all."""
-    return path.is_dir() and all(
-        not file.is_symlink() and _head(file, HEAD_BYTES).startswith(PCD_HEAD.encode()) for file in path.iterdir()
-    )
-
-
-def is_marked_pictures(path: Path) -> bool:
+def are_own_pictures(path: Path) -> bool:
     """Whether a folder has pictures of cameras and nothing else, or nothing at all."""
     return path.is_dir() and all(
         not file.is_symlink() and marks.MATCHES.encode() in _head(file, HEAD_BYTES) for file in path.iterdir()
     )
 
 
-def is_marked_film(path: Path) -> bool:
+def is_own_film(path: Path) -> bool:
     """Whether a file is a film of a result: its comment stands before the images."""
     head = _head(path, MAX_TEXT_BYTES)
     return head[4:8] == b"ftyp" and marks.FILM.encode() in head
@@ -177,7 +174,7 @@ TEXT = Replaceable(
 """Layouts, JSON, drafts of a rig."""
 
 REPAIRED = Replaceable(lambda path: is_marked_mcap(path, marks.REPAIRED), "exists and was not written by --repair")
-PAGE = Replaceable(is_marked_page, "exists and is no page about a result")
+PAGE = Replaceable(is_own_page, "exists and is no page about a result")
 SIMULATED = Replaceable(_is_simulated, "exists and is no simulated recording")
 
 

@@ -35,7 +35,8 @@ class Job:
 
     Attributes:
         inputs: A recording, or all parts of a split one in order.
-        outputs: Files to write; the endings of their names select the kinds (`lidcam.outputs.kinds.OUTPUTS`).
+        outputs: Files to write, and a folder; the endings of their names select the kinds
+            (`lidcam.outputs.registry.OUTPUTS`).
         settings: The settings, or those among which the recording decides.
         rig: All rig files together; what it leaves out is found in the recording.
         read_files: Other files that are read: settings, rig files, a network. No output may replace them.
@@ -54,7 +55,6 @@ class Job:
     view: bool = False
     foxglove: tuple[str, int] | None = None
     pace: float | None = None
-    save_matches: Path | None = None
 
     __repr__ = brief
 
@@ -110,9 +110,10 @@ def make_job(
     more = {key: value for key, value in given.items() if value is not None}
     choice = choose_settings(options.get("config"), options.get("settings", ()), more)
     foxglove, save_matches = options.get("foxglove"), options.get("save_matches")
+    folders = [] if save_matches is None else [Path(save_matches)]
     return Job(
         inputs=locations(recording),
-        outputs=tuple(path for path in outputs if isinstance(path, Path)),
+        outputs=(*(path for path in outputs if isinstance(path, Path)), *folders),
         settings=choice,
         rig=read_rig(options.get("rig")),
         start_s=options.get("start_s", 0.0),
@@ -123,7 +124,6 @@ def make_job(
         view=options.get("view", False),
         foxglove=None if foxglove is None else _served_address(str(foxglove)),
         pace=options.get("pace"),
-        save_matches=None if save_matches is None else Path(save_matches),
     )
 
 

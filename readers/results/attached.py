@@ -1,4 +1,4 @@
-"""The settings, the rig and the account of a result, from the texts that are attached to it."""
+"""The settings, the rig and the summary of a result, from the texts that are attached to it."""
 
 import json
 from itertools import takewhile
@@ -17,7 +17,7 @@ from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.bounded_yaml import parse_yaml
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.validation import path_in
-from lidcam.readers.results.attached_records import ACCOUNT, CONFIG, RIG
+from lidcam.readers.results.attached_records import CONFIG, RIG, SUMMARY
 from lidcam.readers.rig.schema import CameraEntry, LidarEntry, parse_rig
 from lidcam.readers.rig.search import zones_of
 
@@ -50,8 +50,8 @@ def attached_config(text: str, path: Path, version: str) -> tuple[Config, tuple[
     )
 
 
-def attached_account(text: str, path: Path) -> dict[str, Any]:
-    """The account of the run that made a result.
+def attached_summary(text: str, path: Path) -> dict[str, Any]:
+    """The summary of the run that made a result.
 
     Raises:
         RecordingError: the text is not a JSON object.
@@ -59,9 +59,9 @@ def attached_account(text: str, path: Path) -> dict[str, Any]:
     try:
         tree = json.loads(text)
     except ValueError as err:
-        raise RecordingError(f"{path}: the attached {ACCOUNT} is not JSON: {err}") from err
+        raise RecordingError(f"{path}: the attached {SUMMARY} is not JSON: {err}") from err
     if not isinstance(tree, dict):
-        raise RecordingError(f"{path}: expected an object in the attached {ACCOUNT}, found {type(tree).__name__}")
+        raise RecordingError(f"{path}: expected an object in the attached {SUMMARY}, found {type(tree).__name__}")
     return tree
 
 

@@ -24,8 +24,8 @@ CONFIG = "lidcam.yaml"
 RIG = "rig.yaml"
 """Name of the attached rig."""
 
-ACCOUNT = "account.json"
-"""Name of the attached account of the run: what it used, dropped and warned of. Earlier versions attach none."""
+SUMMARY = "summary.json"
+"""Name of the attached summary of the run: what it used, dropped and warned of. Earlier versions attach none."""
 
 MAX_ATTACHMENT_BYTES = 1 << 20
 
@@ -127,6 +127,6 @@ def _sorted_out(metadata: list[Metadata], attachments: list[Attachment]) -> _Rec
     texts = {
         one.name: one.data.decode()
         for one in attachments
-        if one.name in {CONFIG, RIG, ACCOUNT} and len(one.data) <= MAX_ATTACHMENT_BYTES
+        if one.name in {CONFIG, RIG, SUMMARY} and len(one.data) <= MAX_ATTACHMENT_BYTES
     }
     return {one.name: dict(one.metadata) for one in metadata}, texts

@@ -28,8 +28,8 @@ from lidcam.readers.messages.vision.track_ids import track_ids
 from lidcam.readers.notes import Notes
 from lidcam.readers.open import open_recording
 from lidcam.readers.recording import DEFAULT_READ_OPTIONS, Closing, ReadOptions, Recording
-from lidcam.readers.results.attached import attached_account, attached_config, attached_rig
-from lidcam.readers.results.attached_records import ACCOUNT, CONFIG, RIG, read_records
+from lidcam.readers.results.attached import attached_config, attached_rig, attached_summary
+from lidcam.readers.results.attached_records import CONFIG, RIG, SUMMARY, read_records
 
 SOURCE_TOPICS = {source: f"/{source}/detections" for source in SOURCES}
 """Topics of 3D boxes by source."""
@@ -58,7 +58,7 @@ class Result(Closing):
         rig: Its rig.
         sources: Sources of 3D boxes that it has, in the order of `SOURCES`.
         cameras: Names of the cameras that it has 2D boxes of, in the order of the rig.
-        account: What the run used, dropped and warned of (`lidcam.outputs.account`); empty of earlier versions.
+        summary: What the run used, dropped and warned of (`lidcam.outputs.provenance`); empty of earlier versions.
     """
 
     def __init__(
@@ -69,10 +69,10 @@ class Result(Closing):
         config: Config,
         rig: Rig,
         notes: Sequence[str],
-        account: Mapping[str, Any] | None = None,
+        summary: Mapping[str, Any] | None = None,
     ) -> None:
         self.path, self.recording, self.metadata, self.config, self.rig = path, recording, metadata, config, rig
-        self._notes, self.account = tuple(notes), account or {}
+        self._notes, self.summary = tuple(notes), summary or {}
         self._unused = Notes()
         self._class_ids = {name: class_id for class_id, name in enumerate(config.class_names)}
         recorded = {info.topic for info in recording.topics if info.msgtype in {DETECTIONS_2D, DETECTIONS_3D}}
@@ -85,7 +85,7 @@ class Result(Closing):
     @property
     def is_adrift(self) -> bool:
         """Whether the sensors move, and the result does not say where to: motion sought in the clouds, for tracks."""
-        motion = self.account.get("motion") or {"topics": [], "frames_from_clouds": 0}
+        motion = self.summary.get("motion") or {"topics": [], "frames_from_clouds": 0}
         return bool(motion["frames_from_clouds"]) and not motion["topics"]
 
     @property
@@ -215,8 +215,8 @@ def open_result(path: Path, settings: Sequence[str] = (), options: ReadOptions =
     config, notes = attached_config(records.texts[CONFIG], path, records.metadata.get("version", "unknown"))
     config = load_config(config, settings) if settings else config
     rig = attached_rig(records.texts[RIG], path, config)
-    account = attached_account(records.texts.get(ACCOUNT, "{}"), path)
-    return Result(path, open_recording([path], options), records.metadata, config, rig, notes, account)
+    summary = attached_summary(records.texts.get(SUMMARY, "{}"), path)
+    return Result(path, open_recording([path], options), records.metadata, config, rig, notes, summary)
 
 
 def _boxes_topic(camera: str) -> str:

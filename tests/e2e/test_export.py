@@ -1,22 +1,19 @@
 """Results as data sets, through the command; `benchmarks/nuscenes_kit.py` asks nuScenes's own kit about them."""
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from builders import write_rosbag1
 from command import Lidcam
 from helpers import CLUSTERS
 
 import lidcam as front_door
-from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.results.result import open_result
 from lidcam.readers.rig.importers.kitti import kitti_calibration
 from lidcam.readers.truth.kitti import parse_kitti_labels
 
 
-@pytest.mark.parametrize("name", ["kitti", "kitti-tracking", "nuscenes", "openlabel"])
+@pytest.mark.parametrize("name", ["kitti", "kitti-tracking", "nuscenes"])
 def test_every_format_is_written_and_nothing_is_replaced(
     lidcam: Lidcam, first_result: Path, tmp_path: Path, name: str
 ) -> None:
@@ -59,22 +56,6 @@ def test_kitti_labels_are_the_objects_that_the_camera_sees(lidcam: Lidcam, first
     assert count
 
 
-def test_frames_that_the_truth_does_not_cover_are_left_out(
-    lidcam: Lidcam, first_result: Path, first_messages: dict[str, list[RawMessage]], tmp_path: Path
-) -> None:
-    """Else their labels would be objects among true ones."""
-    (topic,) = (topic for topic in first_messages if topic.startswith("/ground_truth") and topic.endswith("objects"))
-    truth = tmp_path / "short.bag"
-    write_rosbag1(truth, first_messages[topic][:2])
-    done = lidcam("export", first_result, "--format", "nuscenes", "--out", tmp_path / "set", "--truth", truth)
-    assert done.code == 0, done.err
-    (left_out,) = re.findall(r"left out: (\d+) frames without truth at their time", done.err)
-    (written,) = re.findall(r"wrote .*: (\d+) frames", done.err)
-    frames = int(front_door.load(first_result).objects.frames.max()) + 1
-    assert int(written) + int(left_out) == frames
-    assert 0 < int(written) < frames
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -98,8 +79,5 @@ def test_results_without_clouds_or_of_one_name_are_told(lidcam: Lidcam, first_re
     assert lidcam("process", first_result.with_name("first.bag"), poor, *less, *part).code == 0
     done = lidcam("export", poor, "--format", "nuscenes", "--out", tmp_path / "set")
     assert done.error_line.endswith("found none: process the recording again with output.clouds=true")
-    done = lidcam("export", poor, "--format", "openlabel", "--out", tmp_path / "set")
-    assert done.code == 0
-    assert "poor.mcap: has no images of cam11, " in done.err
-    twice = lidcam("export", poor, poor, "--format", "openlabel", "--out", tmp_path / "other")
+    twice = lidcam("export", poor, poor, "--format", "nuscenes", "--out", tmp_path / "other")
     assert twice.error_line.endswith("expected results of different names, found two called poor")

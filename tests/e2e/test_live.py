@@ -95,7 +95,7 @@ def test_what_cannot_be_served(tmp_path: Path, options: tuple[str, ...], told: s
 
 
 def test_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidcam.outputs.kinds.find_spec", lambda _: None)
+    monkeypatch.setattr("lidcam.outputs.writers.find_spec", lambda _: None)
     done = called(tmp_path, "process", SANDBOX, "out.mcap", "--duration", "0.2", "--workers", "1", "--foxglove", 0)
     assert done.error_line.endswith("which is not installed: pip install 'lidcam[foxglove]'")
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import open3d as o3d
 import pytest
 from command import Lidcam, Run
 from helpers import CLUSTERS
@@ -51,7 +50,7 @@ def process(lidcam: Lidcam, sandbox: Path) -> Process:
 
 @pytest.fixture(scope="module")
 def whole(lidcam: Lidcam, sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Output of the whole sample as its settings are; with a Rerun recording, a table of the objects, their clouds."""
+    """Output of the whole sample as its settings are; with a Rerun recording, a table of the objects."""
     out = tmp_path_factory.mktemp("whole") / "out.mcap"
     run = lidcam(
         "process",
@@ -63,8 +62,6 @@ def whole(lidcam: Lidcam, sandbox: Path, tmp_path_factory: pytest.TempPathFactor
         out.with_suffix(".rrd"),
         "--objects",
         out.with_suffix(".csv"),
-        "--objects-clouds",
-        out.with_name("clouds"),
     )
     assert run.code == 0, run.err
     assert "objects" in run.out
@@ -110,23 +107,6 @@ def test_the_table_has_the_objects_of_the_file(whole: Path) -> None:
     assert rows == [
         (stamp_ns, one.label, one.x) for stamp_ns, objects in fused_objects(whole).items() for one in objects
     ]
-
-
-def test_every_car_has_a_cloud_within_its_box(whole: Path) -> None:
-    sizes: dict[int, tuple[float, float, float]] = {}
-    with whole.with_suffix(".csv").open(encoding="utf-8", newline="") as file:
-        for row in csv.DictReader(file):
-            size_m = float(row["length_m"]), float(row["width_m"]), float(row["height_m"])
-            sizes[int(row["track"])] = size_m
-    folder = whole.with_name("clouds")
-    assert sorted(path.name for path in folder.iterdir()) == [f"track_{track:04d}_car.pcd" for track in sorted(sizes)]
-    for track, size_m in sizes.items():
-        found = o3d.io.read_point_cloud(folder / f"track_{track:04d}_car.pcd")
-        xyz = np.asarray(found.points)
-        assert len(xyz) > 500
-        assert (np.abs(xyz) <= 1.1001 * np.array(size_m) / 2).all()
-        extents_m = np.ptp(xyz, axis=0)
-        assert (extents_m > 0.75 * np.array(size_m)).all(), track
 
 
 def test_zones_hold_one_car_each(whole: Path) -> None:
@@ -189,14 +169,9 @@ def test_same_objects_from_ros2(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -
 
 def test_json_summary_and_same_bytes_with_any_name(process: Process, tmp_path: Path) -> None:
     out, other = tmp_path / "out.mcap", tmp_path / "other_name.mcap"
-    options = "--duration", "1", "--objects-clouds"
-    summary = json.loads(process(out, *options, tmp_path / "clouds", "--workers", "1", "--json").out)
-    process(other, *options, tmp_path / "other_clouds", "--workers", "2")
+    summary = json.loads(process(out, "--duration", "1", "--workers", "1", "--json").out)
+    process(other, "--duration", "1", "--workers", "2")
     assert out.read_bytes() == other.read_bytes()
-    clouds, other_clouds = (
-        {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()} for name in ("clouds", "other_clouds")
-    )
-    assert clouds == other_clouds
     assert summary["frames"] >= 8
     assert summary["box_source"] == "recorded"
     assert summary["timing"]["frames_per_second"] > 0

@@ -7,7 +7,6 @@ import json
 import os
 import subprocess
 import sys
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ from results import fused_objects, messages_of
 from small_drive import small_drive
 
 import lidcam
-from lidcam.outputs.kinds import OUTPUTS, OutputKind
+from lidcam.outputs.registry import OUTPUTS, Output
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 
@@ -91,13 +90,16 @@ OUTPUT = '''
 import csv
 
 
-class ToyWriter:
+from lidcam.writers.base import ResultWriter
+
+
+class ToyWriter(ResultWriter):
     """One line per object."""
 
     name = "toy"
 
-    def __init__(self, path, outputs, source, provenance):
-        self._part, self._classes = outputs[path].part, source.config.classes
+    def __init__(self, opening):
+        self._part, self._classes = opening.file.part, opening.source.config.classes
 
     def __enter__(self):
         self._file = self._part.open("w", newline="", encoding="utf-8")
@@ -123,9 +125,8 @@ def is_own(path):
 def test_an_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "toy.py").write_text(OUTPUT, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
-    toy = import_module("toy")
-    row = OutputKind(toy.ToyWriter, toy.is_own, "Spreadsheet", lambda path, _: f"open {path.name}")
-    monkeypatch.setitem(OUTPUTS, ".toy", row)
+    row = Output("Spreadsheet", "", ".toy", "toy:ToyWriter", is_own="toy:is_own", how_to_open="open {path.name}")
+    monkeypatch.setattr("lidcam.outputs.registry.OUTPUTS", [*OUTPUTS, row])
     table, mcap = tmp_path / "out.toy", tmp_path / "out.mcap"
     for outputs in ([table, mcap], table):  # the second time, it replaces its own result
         done = lidcam.process(SANDBOX, outputs, config="sandbox", settings=[CLUSTERS], duration_s=0.3)
@@ -133,7 +134,7 @@ def test_an_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         lines = table.read_text(encoding="utf-8").splitlines()
         assert len(lines) - 1 == sum(map(len, fused_objects(mcap).values())) > 0
     table.write_text("mine", encoding="utf-8")
-    with pytest.raises(lidcam.OutputError, match=r"out\.toy: exists and is no result of an earlier run"):
+    with pytest.raises(lidcam.OutputError, match=r"out\.toy: exists and was not written by lidcam"):
         lidcam.process(SANDBOX, table, config="sandbox", duration_s=0.3)
     assert table.read_text(encoding="utf-8") == "mine"
 

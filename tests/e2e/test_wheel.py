@@ -37,7 +37,7 @@ def check_metadata(wheel: Path) -> None:
         names = set(files.namelist())
         (name,) = (name for name in names if name.endswith(".dist-info/METADATA"))
         metadata = Metadata.from_email(files.read(name), validate=True)
-    assert metadata.license_expression == "Apache-2.0 AND BSD-3-Clause"
+    assert metadata.license_expression == "Apache-2.0 AND BSD-3-Clause AND MIT"
     assert {f"{name.split('/')[0]}/licenses/{text}" for text in metadata.license_files or ()} < names
     assert metadata.author == "lidcam developers"
     assert metadata.keywords

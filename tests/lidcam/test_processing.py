@@ -79,7 +79,7 @@ def run(
     source = RunInput(MemoryRecording(messages), rig(), settings, motion, window or TimeWindow())
     pass_over = Run(source, Discovery(source.rig, (), (), (), RecordedTransforms(TransformTree())), DropTable())
     frames: list[FrameResult] = [*pass_over.frames([])]
-    return pass_over.report(), frames
+    return pass_over.summary(), frames
 
 
 def drop_counts(report: RunSummary) -> dict[tuple[str, str], int]:

@@ -44,8 +44,8 @@ lidcam is under Apache-2.0; the tables of laser angles in `readers/velodyne/mode
 lists everything that is installed with it on Linux, as the packages state it; `make docs/licences.md` prints it, and a
 test compares it with what is installed. Versions and hashes are in `constraints.txt`.
 
-Each page that `lidcam report` writes holds plotly.js, which comes with **plotly** and is under MIT; its notice stands
-in the script.
+Each page that `lidcam report` writes holds plotly.js (`writers/report/plotly-cartesian.min.js`), which is under MIT;
+its notice stands in the script.
 
 These are not permissive:
 

@@ -16,7 +16,7 @@ from lidcam.pipeline.core.messages import Drop
 from lidcam.pipeline.core.optics.drawn_edges import draw_edges
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.ros.messages import ROS2
-from lidcam.writers.drawing import ARROW_SHARE, object_edges, object_labels, roofs
+from lidcam.writers.drawing import ARROW_SHARE, DrawnObjects, object_edges
 from lidcam.writers.messages.annotations import image_annotations
 from lidcam.writers.messages.diagnostics import diagnostics
 from lidcam.writers.messages.scene import marker_array, scene_update, zone_entities
@@ -34,10 +34,14 @@ def through_cdr(message: Any) -> Any:
 def scene_of(*results: FrameResult) -> Any:
     """The scene of the last of some frames."""
     trails = Trails("site", CONFIG.combine.motion)
-    return [
-        through_cdr(scene_update(result, NAMES, trails.add(result), roofs(result.fused.objects) + UPWARDS))
-        for result in results
-    ][-1]
+    scenes = [
+        scene_update(drawn_of(result), trails.add(result), drawn_of(result).roofs + UPWARDS) for result in results
+    ]
+    return through_cdr(scenes[-1])
+
+
+def drawn_of(result: FrameResult) -> DrawnObjects:
+    return DrawnObjects.of(result, NAMES)
 
 
 @pytest.mark.parametrize("objects", [0, 1, 3])
@@ -91,7 +95,7 @@ def test_viewers_say_what_the_geometry_of_an_object_comes_from() -> None:
     told = [{pair.key: pair.value for pair in entity.metadata} for entity in entities]
     assert [one["source"] for one in told] == ["both", "camera", "lidar"]
     assert [one["cameras"] for one in told] == ["2", "1", "0"]
-    markers = through_cdr(marker_array(result, NAMES)).markers
+    markers = through_cdr(marker_array(drawn_of(result))).markers
     assert [marker.ns for marker in markers[1::2]] == ["objects/both", "objects/camera", "objects/lidar"]
     assert [marker.id for marker in markers[1::2]] == [0, 1, 2]
 
@@ -115,9 +119,9 @@ def test_labels_of_tracks_are_number_and_speed() -> None:
     sure = frame(tracks=TRACKS)
     objects = replace(sure.fused.objects, scores=np.full(3, 0.9, np.float32))
     result = replace(sure, fused=replace(sure.fused, objects=objects))
-    assert object_labels(result, NAMES) == ["car #12, 5.0 m/s", "pedestrian 0.90 (1 cam)", "truck #7"]
-    markers = through_cdr(marker_array(result, NAMES)).markers
-    assert [marker.text for marker in markers[2::2]] == object_labels(result, NAMES)
+    assert drawn_of(result).labels == ["car #12, 5.0 m/s", "pedestrian 0.90 (1 cam)", "truck #7"]
+    markers = through_cdr(marker_array(drawn_of(result))).markers
+    assert [marker.text for marker in markers[2::2]] == drawn_of(result).labels
     texts = [text.text for text in annotations(result).texts]
     assert texts == [
         "car #12, 5.0 m/s",
@@ -134,7 +138,7 @@ def test_a_predicted_object_is_thinner_and_fainter() -> None:
     assert both.lines[0].thickness > predicted.lines[0].thickness == predicted.lines[1].thickness
     assert max(rgb(predicted.lines[0].color)) < max(class_color(3))
     assert [text.text for text in predicted.texts] == ["truck #7 (predicted)"]
-    markers = through_cdr(marker_array(result, NAMES)).markers
+    markers = through_cdr(marker_array(drawn_of(result))).markers
     assert [(marker.ns, marker.id) for marker in markers[1::2]] == [
         ("objects/both", 12),
         ("objects/lidar", -2),
@@ -179,13 +183,8 @@ def test_a_2d_box_is_faint_where_a_3d_box_is_drawn() -> None:
 def test_zones_lie_on_the_ground_with_their_counts(objects: int) -> None:
     survey, result = SceneSurvey(RIG), frame(objects=objects)
     survey.add(result)
-    scene = scene_update(
-        result,
-        NAMES,
-        [np.zeros((0, 3))] * objects,
-        roofs(result.fused.objects),
-        zone_entities(survey, result.fused.objects),
-    )
+    drawn, zones = drawn_of(result), zone_entities(survey, result.fused.objects)
+    scene = scene_update(drawn, [np.zeros((0, 3))] * objects, drawn.roofs, zones)
     north, south = through_cdr(scene).entities[objects:]
     assert [entity.texts[0].text for entity in (north, south)] == [f"intersection: {min(objects, 2)}", "circle: 0"]
     assert {point.z for entity in (north, south) for point in entity.lines[0].points} == {survey.ground_m}
@@ -211,7 +210,7 @@ def test_arrows_leave_the_front_of_the_boxes() -> None:
 
 @pytest.mark.parametrize("objects", [0, 3])
 def test_markers_delete_all_first(objects: int) -> None:
-    markers = through_cdr(marker_array(frame(objects=objects), NAMES)).markers
+    markers = through_cdr(marker_array(drawn_of(frame(objects=objects)))).markers
     assert [marker.action for marker in markers] == [3] + [0] * (2 * objects)
     assert len({(marker.ns, marker.id) for marker in markers[1:]}) == 2 * objects
     assert all(marker.header == markers[0].header for marker in markers)
@@ -220,7 +219,7 @@ def test_markers_delete_all_first(objects: int) -> None:
 
 def annotations(result: FrameResult, camera: CameraSensor = RIG.cameras[0]) -> Any:
     edges = object_edges(result, [camera.name])[camera.name]
-    return through_cdr(image_annotations(result, camera, edges, NAMES, stamp_ns=START_NS + 5))
+    return through_cdr(image_annotations(drawn_of(result), camera, edges, stamp_ns=START_NS + 5))
 
 
 def rgb(color: Any) -> tuple[float, float, float]:

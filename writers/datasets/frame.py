@@ -117,14 +117,12 @@ class DatasetWriter(Protocol):
     """Writes scenes into a folder.
 
     Attributes:
-        names: Name of a class in this format, by words for it in lower case; None: those of the settings.
-        needs_clouds: Whether a frame without a cloud is of no use.
+        names: Name of a class in this format, by words for it in lower case.
         left_out: How many objects and frames could not be written, by reason.
         remarks: What the user should know, a line each.
     """
 
-    names: Mapping[str, str] | None
-    needs_clouds: bool
+    names: Mapping[str, str]
     left_out: Counter[str]
     remarks: list[str]
 

@@ -59,8 +59,7 @@ class KittiWriter:
         camera: Name of the camera that is `image_2`; empty: the first that has images.
     """
 
-    names: Mapping[str, str] | None = KITTI_NAMES
-    needs_clouds = True
+    names: Mapping[str, str] = KITTI_NAMES
 
     def __init__(self, folder: Path, camera: str = "") -> None:
         self.left_out, self.remarks = Counter[str](), list[str]()

@@ -55,10 +55,9 @@ class NuScenesWriter:
     `sample_annotation` has the truth where there is one, else the objects. `splits.json` calls all scenes `lidcam`.
     """
 
-    names: Mapping[str, str] | None = NUSCENES_NAMES
-    needs_clouds = True
+    names: Mapping[str, str] = NUSCENES_NAMES
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, camera: str = "") -> None:  # noqa: ARG002  # all cameras are written
         self.left_out, self.remarks = Counter[str](), list[str]()
         self._folder = folder
         self._tables: dict[str, list[Row]] = {name: [] for name in TABLES}

@@ -1,13 +1,14 @@
 """Holds a run back to the pace of its recording, for those who watch."""
 
 import time
-from contextlib import AbstractContextManager
+from pathlib import Path
 
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.messages import Drop
+from lidcam.writers.base import ResultWriter
 
 
-class Pace(AbstractContextManager["Pace"]):
+class Pace(ResultWriter):
     """The first of the writers of a run: it waits until a frame is due, seen from the first one.
 
     Args:
@@ -15,13 +16,11 @@ class Pace(AbstractContextManager["Pace"]):
     """
 
     name = "pace"
+    path = Path("--pace")
 
     def __init__(self, times: float) -> None:
         self._times = times
         self._first: tuple[float, int] | None = None
-
-    def __exit__(self, *_: object) -> None:
-        pass
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
         """Wait for the time of a frame."""

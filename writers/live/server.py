@@ -2,9 +2,8 @@
 
 import logging
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import foxglove
 from foxglove.websocket import Capability, ChannelView, Client, ServerListener, WebSocketServer
@@ -15,15 +14,15 @@ from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import Drop
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.writers.mcap.chunk import Buffer
-from lidcam.writers.mcap.output import MessageSink
+from lidcam.writers.base import ResultWriter
+from lidcam.writers.mcap.output import Buffer, MessageSink
 from lidcam.writers.mcap.writer import ResultMessages
 
 LATCHED = "/tf_static"
 """Topic that has one message, which whoever subscribes later gets, too."""
 
 
-class FoxgloveServer:
+class FoxgloveServer(ResultWriter):
     """A server that runs while the block does.
 
     Whoever connects gets the frames from then on. One that is too slow misses messages, and never holds up the run.
@@ -36,6 +35,7 @@ class FoxgloveServer:
     """
 
     name = "foxglove"
+    path = Path("--foxglove")
 
     def __init__(
         self, host: str, port: int, title: str, rig: Rig, config: Config, *, frames: Sequence[Transform] = ()
@@ -45,12 +45,12 @@ class FoxgloveServer:
         self._server: WebSocketServer
         self._messages: ResultMessages
 
-    def __enter__(self) -> Self:
+    def _open(self, resources: ExitStack) -> None:
         context = foxglove.Context()
         channels = _Channels(context)
         logging.getLogger("foxglove").setLevel(logging.CRITICAL)  # what clients do wrong is no error of the run
         # Before the server: it takes no subscription to a channel that is made in the same moment.
-        self._messages = ResultMessages(channels, Path("--foxglove"), self._rig, self._config, self._frames)
+        self._messages = ResultMessages(channels, self.path, self._rig, self._config, self._frames)
         try:
             self._server = foxglove.start_server(
                 name=self._title,
@@ -62,16 +62,10 @@ class FoxgloveServer:
             )
         except RuntimeError as err:
             raise OutputError(f"--foxglove: expected a free port, found {self._host}:{self._port} ({err})") from err
-        return self
+        resources.callback(self._server.stop)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        try:
-            if kind is None:
-                self._messages.finish()
-        finally:
-            self._server.stop()
+    def _finish(self) -> None:
+        self._messages.finish()
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
         """Send one frame, and its time.
@@ -79,7 +73,7 @@ class FoxgloveServer:
         Raises:
             OutputError: a stamp does not fit a ROS 2 header.
         """
-        drops = self._messages.put(result)
+        drops = self._messages.add_frame(result)
         self._server.broadcast_time(result.bundle.log_time_ns)
         return drops
 
@@ -106,18 +100,14 @@ class _Channels(MessageSink, ServerListener):
         self._channels[channel.id()] = channel
         return channel.id()
 
-    def add_message(self, channel: int, log_time_ns: int, data: Buffer | Sequence[Buffer], sequence: int = 0) -> None:  # noqa: ARG002
+    def add_message(self, channel: int, log_time_ns: int, data: Buffer, sequence: int = 0) -> None:  # noqa: ARG002
         to = self._channels[channel]
         if to.topic() == LATCHED:
-            self._latched = _joined(data), log_time_ns
+            self._latched = bytes(data), log_time_ns
         if to.has_sinks():
-            to.log(_joined(data), log_time=log_time_ns)
+            to.log(bytes(data), log_time=log_time_ns)
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002
         if channel.topic == LATCHED and self._latched is not None:
             data, log_time_ns = self._latched
             self._channels[channel.id].log(data, log_time=log_time_ns)
-
-
-def _joined(data: Buffer | Sequence[Buffer]) -> bytes:
-    return bytes(data) if isinstance(data, bytes | memoryview) else b"".join(data)

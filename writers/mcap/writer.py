@@ -10,10 +10,8 @@ results give equal bytes.
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any
 
-from lidcam.pipeline.core.detections import Boxes2D
 from lidcam.pipeline.core.errors import MessageError, OutputError
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.transform import Transform
@@ -24,11 +22,11 @@ from lidcam.pipeline.core.ros.qos import LATCHED_YAML
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.run import OutputConfig
 from lidcam.pipeline.core.true_boxes import TrueBoxes
-from lidcam.writers.drawing import ObjectEdges, object_edges, object_labels, track_numbers
+from lidcam.writers.base import ResultWriter
+from lidcam.writers.drawing import DrawnObjects, ObjectEdges, camera_image, object_edges
 from lidcam.writers.foxglove.layout import FOV_Y_DEG, foxglove_layout, label_eye
 from lidcam.writers.labels_3d import LabelPlaces
-from lidcam.writers.mcap.chunk import Buffer
-from lidcam.writers.mcap.output import McapOutput, MessageSink, mcap_file
+from lidcam.writers.mcap.output import Buffer, McapOutput, MessageSink, mcap_file
 from lidcam.writers.messages.annotations import image_annotations
 from lidcam.writers.messages.detections import detections_2d, detections_3d, lidcam_objects, track_array
 from lidcam.writers.messages.diagnostics import diagnostics
@@ -52,8 +50,6 @@ _LATER = ("/tf", TRACKS, PLACED, PLACED_SCENE)
 
 _STAMP_END = 12
 """Bytes of CDR's encapsulation and of the stamp that a header begins with."""
-
-_NOT_COPIED = "the image cannot be copied"
 
 
 def _written_topics(rig: Rig, output: OutputConfig) -> Iterator[tuple[str, str]]:
@@ -81,7 +77,7 @@ def reserved_topics(rig: Rig) -> frozenset[str]:
     return frozenset((*_LATER, *images, *(topic for topic, _ in _written_topics(rig, Config().output))))
 
 
-class McapResultWriter:
+class McapResultWriter(ResultWriter):
     """Writes one run's frames to a file, which is complete when the block ends without error.
 
     Args:
@@ -103,34 +99,26 @@ class McapResultWriter:
         *,
         frames: Sequence[Transform] = (),
     ) -> None:
-        self._output, self._layout, self._path = output, layout, output.path
+        self._output, self._layout, self.path = output, layout, output.path
         self._rig, self._config, self._provenance, self._frames = rig, config, provenance, frames
-        self._resources = ExitStack()
         self._file: McapOutput
         self._messages: ResultMessages
 
-    def __enter__(self) -> Self:
-        with ExitStack() as resources, output_errors(self._path):
-            if self._layout is not None:
-                resources.enter_context(self._written_layout(self._layout))
-            compression = self._config.output.compression
-            self._file = resources.enter_context(mcap_file(self._output.part, profile="ros2", compression=compression))
-            self._attach()
-            self._messages = ResultMessages(self._file, self._path, self._rig, self._config, self._frames)
-            self._resources = resources.pop_all()
-        return self
+    def _open(self, resources: ExitStack) -> None:
+        if self._layout is not None:
+            resources.enter_context(self._written_layout(self._layout))
+        compression = self._config.output.compression
+        self._file = resources.enter_context(mcap_file(self._output.part, profile="ros2", compression=compression))
+        self._file.add_metadata(RESULT, self._provenance.metadata())
+        for name, text in (("lidcam.yaml", self._provenance.config_yaml), ("rig.yaml", self._provenance.rig_yaml)):
+            self._file.attach(name, text, self._provenance.start_ns)
+        self._messages = ResultMessages(self._file, self.path, self._rig, self._config, self._frames)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        with output_errors(self._path):
-            if kind is None:
-                self._messages.finish()
-                if later := self._provenance.checksums():
-                    self._file.add_metadata(INPUTS, later)
-                account = self._provenance.account()
-                self._file.attach("account.json", account, self._provenance.start_ns, "application/json")
-            self._resources.__exit__(kind, error, trace)
+    def _finish(self) -> None:
+        self._messages.finish()
+        if later := self._provenance.checksums():
+            self._file.add_metadata(INPUTS, later)
+        self._file.attach("summary.json", self._provenance.summary(), self._provenance.start_ns, "application/json")
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
         """Write one frame.
@@ -141,8 +129,8 @@ class McapResultWriter:
         Raises:
             OutputError: the file cannot be written, or a stamp does not fit a ROS 2 header.
         """
-        with output_errors(self._path):
-            return self._messages.put(result)
+        with output_errors(self.path):
+            return self._messages.add_frame(result)
 
     @contextmanager
     def _written_layout(self, layout: OutputFile) -> Iterator[None]:
@@ -150,24 +138,20 @@ class McapResultWriter:
         yield
         layout.write_text(foxglove_layout(self._rig, self._messages.survey, self._messages.filled))
 
-    def _attach(self) -> None:
-        self._file.add_metadata(RESULT, self._provenance.metadata())
-        for name, text in (("lidcam.yaml", self._provenance.config_yaml), ("rig.yaml", self._provenance.rig_yaml)):
-            self._file.attach(name, text, self._provenance.start_ns)
-
 
 class ResultMessages:
     """Makes the messages of one run's frames, for whatever takes them.
 
     Args:
         sink: Takes them.
-        path: What it is called in messages of errors.
+        path: Its name in error messages.
+        rig: The sensors and zones.
         config: The settings of the run; `output` selects topics.
         frames: T_site_frame of frames that copied messages stand in.
 
     Attributes:
-        filled: Topics that have messages so far.
-        survey: Of the frames so far.
+        filled: Topics that have messages.
+        survey: Content of the first frames.
 
     Raises:
         OutputError: two topics have one name.
@@ -176,28 +160,22 @@ class ResultMessages:
     def __init__(
         self, sink: MessageSink, path: Path, rig: Rig, config: Config, frames: Sequence[Transform] = ()
     ) -> None:
-        self._sink, self._path = sink, path
-        self._rig, self._config, self._frames = rig, config, frames
-        self._channels: dict[str, int] = {}
-        self._copied: dict[Channel, int] = {}
+        self._sink, self._path, self._rig, self._config, self._frames = sink, path, rig, config, frames
+        self._channels: dict[str | Channel, int] = {}
         self._camera_infos: dict[str, memoryview] = {}  # behind the stamps, which alone change
         self.filled: set[str] = set()
         self.survey = SceneSurvey(rig)
         self._label_places = LabelPlaces(self.survey, label_eye, FOV_Y_DEG)
-        self._messages = 0
+        self._count = 0
         self._truth_times = TruthTimes()
         self._trails = Trails(rig.site_frame, config.combine.motion)
         for topic, msgtype in _written_topics(rig, config.output):
-            self._register(topic, msgtype)
-        for topic in _LATER:
-            self._check_name(topic)
+            if topic in self._channels or topic in _LATER:
+                raise OutputError(f"{path}: two outputs are called {topic}; rename the camera of that name in the rig")
+            self._channels[topic] = sink.add_ros2(topic, msgtype, LATCHED_YAML if topic == "/tf_static" else "")
 
-    def finish(self) -> None:
-        """Put what waited for the end of the run."""
-        self._draw_truth(self._truth_times.rest())
-
-    def put(self, result: FrameResult) -> tuple[Drop, ...]:
-        """Put the messages of one frame.
+    def add_frame(self, result: FrameResult) -> tuple[Drop, ...]:
+        """Add the messages of one frame.
 
         Returns:
             Images that could not be copied because their bytes do not fit their type.
@@ -205,140 +183,101 @@ class ResultMessages:
         Raises:
             OutputError: a stamp does not fit a ROS 2 header.
         """
-        self.survey.add(result)
-        log_time_ns, stamp_ns = result.bundle.log_time_ns, result.bundle.stamp_ns
-        stamps_ns = [stamp_ns, *(message.stamp_ns for message in result.bundle.messages.values())]
+        bundle, log_time_ns, stamp_ns = result.bundle, result.bundle.log_time_ns, result.bundle.stamp_ns
+        stamps_ns = [stamp_ns, *(message.stamp_ns for message in bundle.messages.values())]
         for fault in filter(None, map(time_fault, stamps_ns)):
             raise OutputError(
-                f"{self._path}: frame {result.bundle.index}: a stamp does not fit a ROS 2 header, {fault}; "
+                f"{self._path}: frame {bundle.index}: a stamp does not fit a ROS 2 header, {fault}; "
                 "cut that part off with --start and --duration"
             )
-        before = [message for message in result.bundle.copied if message.log_time_ns <= log_time_ns]
-        after = [message for message in result.bundle.copied if message.log_time_ns > log_time_ns]
-        self._copy(before)
+        self.survey.add(result)
+        self._add_recorded(message for message in bundle.copied if message.log_time_ns <= log_time_ns)
         if "/tf_static" not in self.filled:
-            self._put("/tf_static", static_transforms(self._rig, min(stamps_ns), self._frames), log_time_ns)
-        motion = result.bundle.motion
+            self._add("/tf_static", static_transforms(self._rig, min(stamps_ns), self._frames), log_time_ns)
+        drawn = DrawnObjects.of(result, self._config.object_names)
+        for topic, message in self._site_messages(drawn):
+            self._add(topic, message, log_time_ns)
+        not_copied: list[Drop] = []
+        edges = object_edges(result, [camera.name for camera in self._rig.cameras])
+        for camera in self._rig.cameras:
+            not_copied += self._add_camera(drawn, camera, edges[camera.name])
+        self._add("/diagnostics", diagnostics(result, self._rig, not_copied), log_time_ns)
+        self._add_truth(self._truth_times.add(bundle))
+        self._add_recorded(message for message in bundle.copied if message.log_time_ns > log_time_ns)
+        return tuple(not_copied)
+
+    def finish(self) -> None:
+        """Add what waited for the end of the run."""
+        self._add_truth(self._truth_times.rest())
+
+    def _site_messages(self, drawn: DrawnObjects) -> Iterator[tuple[str, Any]]:
+        """Everything about a frame as a whole: motion, objects, what the lidars saw."""
+        result, objects, names = drawn.result, drawn.boxes, drawn.class_names
+        stamp_ns, site_frame, motion = result.bundle.stamp_ns, self._rig.site_frame, result.bundle.motion
+        output, tracks = self._config.output, result.fused.tracks
         if motion is not None and motion.covers(stamp_ns):
-            self._put("/tf", moving_transform(motion, stamp_ns), log_time_ns)
-        not_copied = self._put_results(result)
-        self._draw_truth(self._truth_times.add(result.bundle))
-        self._copy(after)
-        return not_copied
-
-    def _put_results(self, result: FrameResult) -> tuple[Drop, ...]:
-        """Write what was found in a frame, and its images."""
-        log_time_ns, (found, not_copied) = result.bundle.log_time_ns, self._views(result)
-        for topic, message in (*self._site_messages(result), *self._clouds(result)):
-            self._put(topic, message, log_time_ns)
-        edges = object_edges(result, [view.camera.name for view in found])
-        for view in found:
-            self._put_camera(result, view, edges[view.camera.name])
-        self._put("/diagnostics", diagnostics(result, self._rig, not_copied), log_time_ns)
-        return not_copied
-
-    def _site_messages(self, result: FrameResult) -> Iterator[tuple[str, Any]]:
-        names, stamp_ns, objects = self._config.object_names, result.bundle.stamp_ns, result.fused.objects
-        tracks, trails = result.fused.tracks, self._trails.add(result)
+            yield "/tf", moving_transform(motion, stamp_ns)
         counted = objects.select(objects.class_ids < len(self._config.classes))
         yield "/lidar_camera_fused", lidcam_objects(counted, self._rig.counted_zones, stamp_ns=stamp_ns)
-        numbers = track_numbers(result)
-        yield "/fused/detections", detections_3d(objects, names, stamp_ns=stamp_ns, track_numbers=numbers)
+        yield "/fused/detections", detections_3d(objects, names, stamp_ns=stamp_ns, track_numbers=drawn.tracks)
         if tracks is not None:
             yield TRACKS, track_array(objects, tracks, names, stamp_ns=stamp_ns)
-        places = self._label_places.of(result, object_labels(result, names))
-        zones = zone_entities(self.survey, objects)
-        yield "/fused/scene", scene_update(result, names, trails, places, zones)
-        yield "/fused/markers", marker_array(result, names)
+        trails, zones = self._trails.add(result), zone_entities(self.survey, objects)
+        yield "/fused/scene", scene_update(drawn, trails, self._label_places.of(drawn), zones)
+        yield "/fused/markers", marker_array(drawn)
         yield "/lidar/detections", detections_3d(result.detections.lidar, names, stamp_ns=stamp_ns)
         if (placed := result.detections.placed) is not None:
             yield PLACED, detections_3d(placed, names, stamp_ns=stamp_ns)
             yield PLACED_SCENE, placed_scene(placed, names, stamp_ns=stamp_ns)
+        if output.clouds:
+            combined = result.combined
+            yield "/point_cloud_combined", cloud_message(combined.cloud, stamp_ns=stamp_ns, frame_id=site_frame)
+            if output.ground:
+                yield "/ground_cloud", cloud_message(combined.ground_cloud, stamp_ns=stamp_ns, frame_id=site_frame)
 
-    def _clouds(self, result: FrameResult) -> Iterator[tuple[str, Any]]:
-        stamp_ns, frame_id = result.bundle.stamp_ns, self._rig.site_frame
-        if self._config.output.clouds:
-            yield "/point_cloud_combined", cloud_message(result.combined.cloud, stamp_ns=stamp_ns, frame_id=frame_id)
-            if self._config.output.ground:
-                yield "/ground_cloud", cloud_message(result.combined.ground_cloud, stamp_ns=stamp_ns, frame_id=frame_id)
-
-    def _put_camera(self, result: FrameResult, view: "_View", edges: ObjectEdges) -> None:
-        """Write a camera's messages, all with one stamp."""
-        camera, stamp_ns, prefix = view.camera, view.stamp_ns, f"/{view.camera.name}"
-        names, log_time_ns = self._config.object_names, result.bundle.log_time_ns
-        if view.image is not None:
-            msgtype, cdr = view.image
-            topic = f"{prefix}/image/compressed" if msgtype == COMPRESSED else f"{prefix}/image"
-            self._put_bytes(topic, msgtype, cdr, log_time_ns)
+    def _add_camera(self, drawn: DrawnObjects, camera: CameraSensor, edges: ObjectEdges) -> Iterable[Drop]:
+        """Add the messages of a camera, all with the stamp of its image; returns an image that cannot be copied."""
+        boxes, image = drawn.result.detections.cameras.get(camera.name), camera_image(drawn.result, camera)
+        if image is None and boxes is None:
+            return ()
+        drops: tuple[Drop, ...] = ()
+        log_time_ns, prefix, frame_id = drawn.result.bundle.log_time_ns, f"/{camera.name}", camera.T_camera_site.dst
+        stamp_ns = image.stamp_ns if image is not None else boxes.stamp_ns if boxes is not None else 0
+        if image is not None and self._config.output.images:
+            try:
+                cdr, msgtype = image_cdr(image, frame_id=frame_id), image.channel.msgtype
+                topic = f"{prefix}/image/compressed" if msgtype == COMPRESSED else f"{prefix}/image"
+                self._add_cdr(topic, msgtype, cdr, log_time_ns)
+            except MessageError as err:
+                drops = (Drop(image.topic, image.stamp_ns, "the image cannot be copied", str(err)),)
         if camera.name not in self._camera_infos:
             self._camera_infos[camera.name] = ROS2.serialize(camera_info(camera, stamp_ns))[_STAMP_END:]
         info = b"".join((ROS2.serialize(ROS2.time(stamp_ns)), self._camera_infos[camera.name]))
-        self._put_bytes(f"{prefix}/camera_info", "sensor_msgs/msg/CameraInfo", info, log_time_ns)
-        annotations = image_annotations(result, camera, edges, names, stamp_ns=stamp_ns)
-        self._put(f"{prefix}/annotations", annotations, log_time_ns)
-        if view.boxes is not None:
-            boxes = detections_2d(view.boxes, names, stamp_ns=stamp_ns, frame_id=camera.T_camera_site.dst)
-            self._put(f"{prefix}/detections", boxes, log_time_ns)
+        self._add_cdr(f"{prefix}/camera_info", "sensor_msgs/msg/CameraInfo", info, log_time_ns)
+        self._add(f"{prefix}/annotations", image_annotations(drawn, camera, edges, stamp_ns=stamp_ns), log_time_ns)
+        if boxes is not None:
+            found = detections_2d(boxes, drawn.class_names, stamp_ns=stamp_ns, frame_id=frame_id)
+            self._add(f"{prefix}/detections", found, log_time_ns)
+        return drops
 
-    def _views(self, result: FrameResult) -> tuple[list["_View"], tuple[Drop, ...]]:
-        """The data of each camera that has any in a frame, and the images that cannot be copied."""
-        unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
-        found, drops = [], []
-        for camera in self._rig.cameras:
-            message, boxes = result.bundle.messages.get(camera.topic), result.detections.cameras.get(camera.name)
-            if message is None or (message.topic, message.stamp_ns) in unusable:
-                if boxes is not None:
-                    found.append(_View(camera, boxes.stamp_ns, None, boxes))
-                continue
-            image = None
-            if self._config.output.images:
-                try:
-                    image = message.channel.msgtype, image_cdr(message, frame_id=camera.T_camera_site.dst)
-                except MessageError as err:
-                    drops.append(Drop(message.topic, message.stamp_ns, _NOT_COPIED, str(err)))
-            found.append(_View(camera, message.stamp_ns, image, boxes))
-        return found, tuple(drops)
-
-    def _copy(self, messages: Iterable[RawMessage]) -> None:
-        """Write recorded messages as they are, at the times at which they were recorded."""
+    def _add_recorded(self, messages: Iterable[RawMessage]) -> None:
+        """Add recorded messages as they are, at the times at which they were recorded."""
         for message in messages:
-            channel = message.channel
-            if channel not in self._copied:
-                self._copied[channel] = self._sink.add_recorded(channel)
-            self._sink.add_message(self._copied[channel], message.log_time_ns, message.data, self._messages)
-            self._messages += 1
+            if message.channel not in self._channels:
+                self._channels[message.channel] = self._sink.add_recorded(message.channel)
+            self._sink.add_message(self._channels[message.channel], message.log_time_ns, message.data, self._count)
+            self._count += 1
 
-    def _draw_truth(self, known: Iterable[tuple[FrameTime, TrueBoxes]]) -> None:
+    def _add_truth(self, known: Iterable[tuple[FrameTime, TrueBoxes]]) -> None:
         for frame, truth in known:
-            self._put(truth_scene_topic(truth.topic), truth_scene(truth), frame.log_time_ns)
+            self._add(truth_scene_topic(truth.topic), truth_scene(truth), frame.log_time_ns)
 
-    def _put(self, topic: str, message: Any, log_time_ns: int) -> None:
-        self._put_bytes(topic, message.__msgtype__, ROS2.serialize(message), log_time_ns)
+    def _add(self, topic: str, message: Any, log_time_ns: int) -> None:
+        self._add_cdr(topic, message.__msgtype__, ROS2.serialize(message), log_time_ns)
 
-    def _put_bytes(self, topic: str, msgtype: str, cdr: Buffer, log_time_ns: int) -> None:
-        channel = self._channels.get(topic) or self._register(topic, msgtype)
-        self._sink.add_message(channel, log_time_ns, cdr, self._messages)
+    def _add_cdr(self, topic: str, msgtype: str, cdr: Buffer, log_time_ns: int) -> None:
+        if topic not in self._channels:
+            self._channels[topic] = self._sink.add_ros2(topic, msgtype)
+        self._sink.add_message(self._channels[topic], log_time_ns, cdr, self._count)
         self.filled.add(topic)
-        self._messages += 1
-
-    def _register(self, topic: str, msgtype: str) -> int:
-        self._check_name(topic)
-        self._channels[topic] = self._sink.add_ros2(topic, msgtype, LATCHED_YAML if topic == "/tf_static" else "")
-        return self._channels[topic]
-
-    def _check_name(self, topic: str) -> None:
-        if topic in self._channels:
-            raise OutputError(
-                f"{self._path}: two outputs are called {topic}; rename the camera of that name in the rig"
-            )
-
-
-class _View(NamedTuple):
-    """The data of one camera in a frame."""
-
-    camera: CameraSensor
-    stamp_ns: int
-    image: tuple[str, Buffer] | None
-    """Type and bytes."""
-
-    boxes: Boxes2D | None
+        self._count += 1

@@ -1,24 +1,14 @@
 """The overlay of one camera's image: foxglove_msgs/ImageAnnotations."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64, I64
-from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.ros.messages import ROS2
-from lidcam.writers.drawing import (
-    DrawnBoxes2D,
-    ObjectEdges,
-    drawn_boxes_2d,
-    labels_in_the_clear,
-    object_colors,
-    predicted_objects,
-    strong_objects,
-    thin_objects,
-)
+from lidcam.writers.drawing import DrawnBoxes2D, DrawnObjects, ObjectEdges, drawn_boxes_2d, labels_in_the_clear
 from lidcam.writers.messages.parts import colors, opaque, split
 
 LABEL_SHARE = 1 / 24
@@ -32,9 +22,7 @@ _LINE_LOOP, _LINE_LIST = 2, 4  # PointsAnnotation
 _CORNERS = np.array([0, 1, 2, 1, 2, 3, 0, 3])  # x and y of the corners of left, top, right, bottom
 
 
-def image_annotations(
-    result: FrameResult, camera: CameraSensor, edges: ObjectEdges, class_names: Sequence[str], *, stamp_ns: int
-) -> Any:
+def image_annotations(drawn: DrawnObjects, camera: CameraSensor, edges: ObjectEdges, *, stamp_ns: int) -> Any:
     """The fused objects as the lens of a camera bends them, and its 2D boxes.
 
     An object has the colour of its class, and a thinner line if no lidar shows it. A 2D box is green and faint if it
@@ -42,22 +30,22 @@ def image_annotations(
     and speed, or with the score if it has no track, else the detector's. A label that would cover that of a larger box
     is left out. Every stamp is the image's: viewers pair by equality.
     """
-    boxes, time = drawn_boxes_2d(result, camera.name, class_names), ROS2.time(stamp_ns)
+    boxes, time = drawn_boxes_2d(drawn, camera.name), ROS2.time(stamp_ns)
     line_px = camera.model.height_px * _LINE_SHARE
-    lines = [*_objects(result, edges, line_px, time), *_rectangles(boxes, line_px, time)]
+    lines = [*_objects(drawn, edges, line_px, time), *_rectangles(boxes, line_px, time)]
     return ROS2.new("foxglove_msgs/msg/ImageAnnotations", time, [], lines, _texts(camera, boxes, time), [])
 
 
-def _objects(result: FrameResult, edges: ObjectEdges, line_px: float, time: Any) -> list[Any]:
+def _objects(drawn: DrawnObjects, edges: ObjectEdges, line_px: float, time: Any) -> list[Any]:
     """The edges of each object in an image."""
     segments, of_piece = edges
     if not len(of_piece):
         return []
     pieces = np.bincount(of_piece)  # they come object after object
     rows = np.flatnonzero(pieces)
-    alphas = np.where(strong_objects(result) & ~predicted_objects(result), 1.0, _FAINT_ALPHA)
-    rgba = np.concatenate([object_colors(result), alphas[:, None]], 1)
-    shares = np.where(thin_objects(result), 0.5, 1.0)
+    alphas = np.where(drawn.strong & ~drawn.predicted, 1.0, _FAINT_ALPHA)
+    rgba = np.concatenate([drawn.colors, alphas[:, None]], 1)
+    shares = np.where(drawn.thin, 0.5, 1.0)
     return _lines(_LINE_LIST, segments.reshape(-1, 2), 2 * pieces[rows], rgba[rows], line_px * shares[rows], time)
 
 

@@ -11,22 +11,10 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.detections import Boxes3D, source_names
-from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.boxes import UNIT_CORNERS
 from lidcam.pipeline.core.ros.messages import ROS2
-from lidcam.pipeline.core.tracks import NO_TRACK
-from lidcam.writers.drawing import (
-    ARROW_SHARE,
-    arrow_lengths,
-    ground_ellipses,
-    object_colors,
-    object_labels,
-    predicted_objects,
-    roofs,
-    strong_objects,
-    thin_objects,
-    track_numbers,
-)
+from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
+from lidcam.writers.drawing import ARROW_SHARE, DrawnObjects, ground_ellipses
 from lidcam.writers.messages.parts import (
     box_poses,
     colors,
@@ -60,35 +48,31 @@ _ADD, _DELETE_ALL, _CUBE, _TEXT_VIEW_FACING = 0, 3, 1, 9  # visualization_msgs/M
 _MARKER, _COLOR = "visualization_msgs/msg/Marker", "std_msgs/msg/ColorRGBA"
 
 
-def scene_update(
-    result: FrameResult, class_names: Sequence[str], trails: Sequence[F64], places: F64, zones: Sequence[Any] = ()
-) -> Any:
+def scene_update(drawn: DrawnObjects, trails: Sequence[F64], places: F64, zones: Sequence[Any] = ()) -> Any:
     """foxglove_msgs/SceneUpdate: a cube per fused object, an arrow to its front, and a label unless it is faint.
 
     One that no lidar shows has an ellipse of one standard deviation on the ground, one with a track its trail. The id
     of its entity is that of its track: `track-12`.
 
     Args:
-        result: The frame.
-        class_names: Of the objects.
+        drawn: The objects.
         trails: Of each object, as `Trails` gives them.
         places: (N, 3) of their labels.
         zones: Entities of the zones.
     """
-    objects, n = result.fused.objects, len(result.fused.objects)
-    strong, thin, numbers = strong_objects(result), thin_objects(result), track_numbers(result).tolist()
-    poses, rgba = box_poses(objects), _colors(result)
+    objects, n, fused, strong, thin = drawn.boxes, len(drawn.boxes), drawn.result.fused, drawn.strong, drawn.thin
+    stamp_ns, poses, rgba = drawn.result.bundle.stamp_ns, box_poses(objects), _colors(drawn)
     edge_colors, thickness_px = opaque(rgba[:, :3]), np.where(strong & ~thin, _EDGE_PX, _EDGE_PX / 2)
     metadata = {
-        "class": [class_names[class_id] for class_id in objects.class_ids.tolist()],
+        "class": [drawn.class_names[class_id] for class_id in objects.class_ids.tolist()],
         "score": [f"{score:.4f}" for score in objects.scores.tolist()],
         "source": source_names(objects.sources),
-        "cameras": list(map(str, result.fused.matched.tolist())),
+        "cameras": list(map(str, fused.matched.tolist())),
         "points": list(map(str, objects.point_counts.tolist())),
         "measured_ns": list(map(str, objects.measured_ns.tolist())),
-        **_of_tracks(result),
+        **_of_tracks(fused.tracks),
     }
-    height, lengths = objects.sizes[:, 2], arrow_lengths(result)
+    height, lengths = objects.sizes[:, 2], drawn.arrow_lengths_m
     heads = 0.25 * ARROW_SHARE * objects.sizes[:, 0]
     arrows = ROS2.rows(
         "foxglove_msgs/msg/ArrowPrimitive",
@@ -107,12 +91,14 @@ def scene_update(
     has_trail = np.array([len(trail) > 0 for trail in trails], np.bool_)
     shown_trails = [trail for trail in trails if len(trail)]
     behind = split(strips(shown_trails, rgba[has_trail] * [1, 1, 1, 0] + [0, 0, 0, ALPHA_TRAIL], _EDGE_PX), has_trail)
-    up_to_labels = [np.stack(pair) for pair in zip(roofs(objects)[strong], places[strong], strict=True)]
+    up_to_labels = [np.stack(pair) for pair in zip(drawn.roofs[strong], places[strong], strict=True)]
     leaders = split(strips(up_to_labels, edge_colors[strong] * [1, 1, 1, _LEADER_ALPHA], _EDGE_PX / 2), strong)
-    texts = [text for text, shown in zip(object_labels(result, class_names), strong.tolist(), strict=True) if shown]
-    drawn = entities(
-        [f"track-{number}" if number != NO_TRACK else f"object-{row}" for row, number in enumerate(numbers)],
-        result.bundle.stamp_ns,
+    texts = [text for text, shown in zip(drawn.labels, strong.tolist(), strict=True) if shown]
+    numbers = enumerate(drawn.tracks.tolist())
+    ids = [f"object-{row}" if number == NO_TRACK else f"track-{number}" for row, number in numbers]
+    shown_objects = entities(
+        ids,
+        stamp_ns,
         objects.frame_id,
         metadata,
         arrows=[[arrow] * (length > 0) for arrow, length in zip(arrows, lengths.tolist(), strict=True)],
@@ -120,7 +106,7 @@ def scene_update(
         lines=[[edge, *chain(*others)] for edge, *others in zip(edges, around, behind, leaders, strict=True)],
         texts=split(labels(texts, places[strong], np.array(_WHITE)), strong),
     )
-    return whole_scene(result.bundle.stamp_ns, drawn, zones)
+    return whole_scene(stamp_ns, shown_objects, zones)
 
 
 def zone_entities(survey: SceneSurvey, objects: Boxes3D) -> list[Any]:
@@ -140,9 +126,8 @@ def zone_entities(survey: SceneSurvey, objects: Boxes3D) -> list[Any]:
     )
 
 
-def _of_tracks(result: FrameResult) -> dict[str, list[str]]:
+def _of_tracks(tracks: Tracks | None) -> dict[str, list[str]]:
     """What the tracks say of the objects, to be read in the viewer; empty texts of objects without one."""
-    tracks = result.fused.tracks
     if tracks is None:
         return {}
     columns = {
@@ -165,24 +150,24 @@ def label_places(boxes: Boxes3D) -> F64:
     return places
 
 
-def _colors(result: FrameResult) -> F64:
-    """(N, 4) red, green, blue and opacity of each fused object."""
-    alphas = np.where(thin_objects(result), ALPHA_PLACED, ALPHA_STRONG)
-    alphas[~strong_objects(result)] = ALPHA_FAINT
-    alphas[predicted_objects(result)] = ALPHA_PREDICTED
-    return np.concatenate([object_colors(result), alphas[:, None]], 1)
+def _colors(drawn: DrawnObjects) -> F64:
+    """(N, 4) red, green, blue and opacity of each object."""
+    alphas = np.where(drawn.thin, ALPHA_PLACED, ALPHA_STRONG)
+    alphas[~drawn.strong] = ALPHA_FAINT
+    alphas[drawn.predicted] = ALPHA_PREDICTED
+    return np.concatenate([drawn.colors, alphas[:, None]], 1)
 
 
-def marker_array(result: FrameResult, class_names: Sequence[str]) -> Any:
+def marker_array(drawn: DrawnObjects) -> Any:
     """visualization_msgs/MarkerArray: DELETEALL, then for each fused object a cube and a label facing the viewer.
 
     The namespace of a cube names the source of its geometry, `objects/lidar`, `objects/camera`, `objects/both` or
     `objects/predicted`, so that each of them can be hidden. Ids are the numbers of the tracks; where tracks are known,
     an object without one has a negative id.
     """
-    objects, n = result.fused.objects, len(result.fused.objects)
+    objects, n, result = drawn.boxes, len(drawn.boxes), drawn.result
     header, white = ROS2.header(result.bundle.stamp_ns, objects.frame_id), ROS2.new(_COLOR, *_WHITE)
-    numbers, rows = track_numbers(result), np.arange(n)
+    numbers, rows = drawn.tracks, np.arange(n)
     ids = rows if result.fused.tracks is None else np.where(numbers != NO_TRACK, numbers, -1 - rows)
     unit, origin = ROS2.vector(1.0, 1.0, 1.0), ROS2.pose((0.0, 0.0, 0.0))
     delete = ROS2.rows(_MARKER, 1, header=header, type=_CUBE, action=_DELETE_ALL, pose=origin, scale=unit, color=white)
@@ -198,7 +183,7 @@ def marker_array(result: FrameResult, class_names: Sequence[str]) -> Any:
         action=_ADD,
         pose=box_poses(objects),
         scale=vectors(objects.sizes),
-        color=colors(_colors(result), _COLOR),
+        color=colors(_colors(drawn), _COLOR),
     )
     texts = ROS2.rows(
         _MARKER,
@@ -211,6 +196,6 @@ def marker_array(result: FrameResult, class_names: Sequence[str]) -> Any:
         pose=places_as_poses(label_places(objects)),
         scale=vectors(letters),
         color=white,
-        text=object_labels(result, class_names),
+        text=[*drawn.labels],
     )
     return ROS2.new("visualization_msgs/msg/MarkerArray", [*delete, *chain(*zip(cubes, texts, strict=True))])

@@ -24,9 +24,6 @@ APPLICATION = "lidcam"
 OBJECTS = "lidcam.objects"
 """Key in the metadata of a Parquet table of objects."""
 
-OBJECT_CLOUD = "lidcam.object_cloud"
-"""Begins the comment in the header of the cloud of an object."""
-
 MATCHES = "lidcam.matches"
 """Begins the comment of a picture of a camera."""
 

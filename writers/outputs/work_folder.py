@@ -4,8 +4,7 @@
     NAME.lock    held while the run goes on (flock: gone with the process)
     NAME.old     a folder that the output replaces, for a moment
 
-Each run makes a folder of its own, so nothing that lies there before is read. Folders are held by descriptor, and what
-has to be renamed or removed is named relative to them: a link is never followed.
+Each run makes a folder of its own, so nothing that lies there before is read.
 """
 
 import errno
@@ -15,15 +14,11 @@ import os
 import secrets
 import shutil
 import stat
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from lidcam.pipeline.core.ending import undone_at_once
 from lidcam.pipeline.core.errors import OutputError
-
-FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
-LOCK = os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 CANNOT_SYNC = {errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP}
 """Answers of file systems that have no fsync of a folder."""
@@ -49,26 +44,21 @@ class WorkFolder:
 
         Args:
             target: The output, without links.
-            shown: How the user calls it.
+            shown: Its name in error messages.
 
         Raises:
             OutputError: another run writes the output.
             OSError: the folder cannot be made.
         """
         self.path = target.with_name(f"{folder_prefix(target)}{secrets.token_hex(4)}")
-        self.part = self.path / target.name
-        self._target, self._lock_name, self._old_name = target, f"{target.name}.lock", f"{target.name}.old"
-        self._held = ExitStack()
+        self.part, self._old = self.path / target.name, self.path / f"{target.name}.old"
+        self._target, self._held = target, ExitStack()
         self._missing = [folder for folder in target.parents if not folder.exists()]
-        self._parent = -1
         try:
             self._held.enter_context(undone_at_once(self.close))
-            if self._missing:
-                target.parent.mkdir(parents=True, exist_ok=True)
-            self._parent = self._held.enter_context(_opened(target.parent, FOLDER))
-            os.mkdir(self.path.name, 0o700, dir_fd=self._parent)
-            self._folder = self._held.enter_context(_opened(self.path.name, FOLDER, self._parent))
-            lock = self._held.enter_context(_opened(self._lock_name, LOCK | os.O_CREAT | os.O_EXCL, self._folder))
+            target.parent.mkdir(parents=True, exist_ok=True)
+            self.path.mkdir(0o700)
+            lock = self._held.enter_context((self.path / f"{target.name}.lock").open("xb"))
             with suppress(OSError):  # a file system without locks
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._remove_leftovers(shown)
@@ -80,16 +70,15 @@ class WorkFolder:
         """Wait until the output is on the disk, with the permissions of this user's file that it replaces.
 
         Raises:
-            OSError: it cannot be written, or the folder is no longer where it was made.
+            OSError: it cannot be written.
         """
-        own = os.fstat(self._folder)
-        if not os.path.samestat(os.lstat(self.path), own):
-            raise OSError(errno.ESTALE, "its folder was replaced meanwhile")
         if os.path.lexists(self._target) and self.part.exists():
-            old = os.lstat(self._target)
-            if old.st_uid == own.st_uid and not stat.S_ISLNK(old.st_mode):
+            old = self._target.lstat()
+            if old.st_uid == os.geteuid() and not stat.S_ISLNK(old.st_mode):
                 self.part.chmod(stat.S_IMODE(old.st_mode) & 0o777)
-        _sync(self.path)
+        for folder, _, files in os.walk(self.path):
+            for name in (*files, "."):
+                _sync(Path(folder, name))
 
     def give_name(self) -> None:
         """Put the output, if it was written, in the place of what stands there.
@@ -97,12 +86,11 @@ class WorkFolder:
         Raises:
             OSError: the system refuses; what stood there stays, or comes back at the end.
         """
-        name = self.part.name
         if os.path.lexists(self.part):
             if self._target.is_dir():  # no system replaces a folder that holds something
-                _move(self._parent, name, self._folder, self._old_name)
-            _move(self._folder, name, self._parent, name)
-            _sync_one(self._parent)
+                self._target.rename(self._old)
+            self.part.rename(self._target)
+            _sync(self._target.parent)
 
     def close(self) -> None:
         """Remove the folder and those made around it that hold nothing, and release the lock.
@@ -110,9 +98,9 @@ class WorkFolder:
         Files that the system refuses to remove stay.
         """
         with suppress(OSError):
-            if (self.path / self._old_name).exists() and not os.path.lexists(self._target):
-                _move(self._folder, self._old_name, self._parent, self.part.name)  # nothing has taken its place
-            shutil.rmtree(self.path.name, ignore_errors=True, dir_fd=self._parent)
+            if self._old.exists() and not os.path.lexists(self._target):
+                self._old.rename(self._target)  # nothing has taken its place
+        shutil.rmtree(self.path, ignore_errors=True)
         with suppress(OSError):
             for folder in self._missing:
                 folder.rmdir()
@@ -125,73 +113,52 @@ class WorkFolder:
             OutputError: a run goes on.
         """
         left = []
-        for name in sorted(entry.name for entry in os.scandir(self._parent)):
-            if name.startswith(folder_prefix(self._target)) and name != self.path.name:
+        for path in sorted(self._target.parent.iterdir()):
+            if path.name.startswith(folder_prefix(self._target)) and path != self.path:
                 try:
                     with suppress(FileNotFoundError):  # its run has just ended
-                        self._remove_leftover(name)
+                        self._remove_leftover(path)
                 except BlockingIOError:
-                    where = self.path.with_name(name)
-                    raise OutputError(f"{shown}: is being written by another run, in {where}") from None
+                    raise OutputError(f"{shown}: is being written by another run, in {path}") from None
                 except OSError as err:
-                    left.append(f"{self.path.with_name(name)} ({err.strerror})")
+                    left.append(f"{path} ({err.strerror})")
         if left:
             more = f" and {len(left) - 1} more of such names" if len(left) > 1 else ""
             logger.warning("%s%s: left as it is; remove what you do not need", left[0], more)
 
-    def _remove_leftover(self, name: str) -> None:
+    def _remove_leftover(self, path: Path) -> None:
         """Remove a folder that a killed run has made: plain files, or a folder of plain files, and a lock that is free.
 
         Raises:
             BlockingIOError: its run goes on.
-            OSError: something else is in it, or not of this run's user and file system; or it cannot be removed.
+            OSError: something else is in it, or not of this user; or it cannot be removed.
         """
-        own, output = os.fstat(self._folder), self.part.name
-        with ExitStack() as held:
-            folder = held.enter_context(_opened(name, FOLDER, self._parent))
-            for path, folders, files, descriptor in os.fwalk(".", dir_fd=folder):
-                for entry in (".", *folders, *files):
-                    status = os.stat(entry, dir_fd=descriptor, follow_symlinks=False)
-                    is_folder = stat.S_ISDIR(status.st_mode) and (entry == "." or (path, entry) == (".", output))
-                    is_own = (status.st_uid, status.st_dev) == (own.st_uid, own.st_dev)
-                    if not (is_own and (is_folder or stat.S_ISREG(status.st_mode))):
-                        raise OSError(errno.EINVAL, "no run of yours has left all of it")
-            try:
-                lock = held.enter_context(_opened(self._lock_name, LOCK, folder))
-            except FileNotFoundError:  # killed before it had one: nothing else is in it
-                os.rmdir(name, dir_fd=self._parent)
-            else:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(name, dir_fd=self._parent)
-            logger.info("%s: removed, a run that was killed had left it", self.path.with_name(name))
-
-
-@contextmanager
-def _opened(name: str | Path, flags: int, folder: int | None = None) -> Iterator[int]:
-    descriptor = os.open(name, flags, 0o600, dir_fd=folder)
-    try:
-        yield descriptor
-    finally:
-        with suppress(OSError):  # nothing was written through it
-            os.close(descriptor)
-
-
-def _move(folder: int, name: str, to_folder: int, to_name: str) -> None:
-    os.rename(name, to_name, src_dir_fd=folder, dst_dir_fd=to_folder)
+        for folder, folders, files in os.walk(path, followlinks=False):
+            for name in (".", *folders, *files):
+                status = Path(folder, name).lstat()
+                is_output = name == "." or (folder == str(path) and name == self._target.name)
+                is_own = stat.S_ISREG(status.st_mode) or (is_output and stat.S_ISDIR(status.st_mode))
+                if not is_own or status.st_uid != os.geteuid():
+                    raise OSError(errno.EINVAL, "no run of yours has left all of it")
+        if path.is_symlink() or not path.is_dir():
+            raise OSError(errno.EINVAL, "no run of yours has left it")
+        lock = path / f"{self._target.name}.lock"
+        if not lock.exists():  # killed before it had one: nothing else is in it
+            path.rmdir()
+            return
+        with lock.open("rb") as held:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(path)
+        logger.info("%s: removed, a run that was killed had left it", path)
 
 
 def _sync(path: Path) -> None:
-    """Wait until a file, or a folder with all that is in it, is on the disk."""
-    if path.is_dir() and not path.is_symlink():
-        for entry in path.iterdir():
-            _sync(entry)
-    with _opened(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC) as descriptor:
-        _sync_one(descriptor)
-
-
-def _sync_one(descriptor: int) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)
     except OSError as err:
         if err.errno not in CANNOT_SYNC:
             raise
+    finally:
+        os.close(descriptor)

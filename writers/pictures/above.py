@@ -10,14 +10,7 @@ from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.rig import Rig
-from lidcam.writers.drawing import (
-    arrow_lengths,
-    ground_ellipses,
-    object_colors,
-    object_labels,
-    strong_objects,
-    thin_objects,
-)
+from lidcam.writers.drawing import DrawnObjects, ground_ellipses, strong_objects
 from lidcam.writers.palette import GROUND, HEIGHT_COLORS, class_color, height_rows
 from lidcam.writers.pictures.canvas import FAINT_TEXT, TEXT, Canvas, Color, Label
 from lidcam.writers.viewpoint import front_of_rig
@@ -98,10 +91,9 @@ class SiteMap:
 
 
 def draw_above(
-    result: FrameResult,
+    drawn: DrawnObjects,
     rig: Rig,
     trails: Sequence[F64],
-    class_names: Sequence[str],
     *,
     area: Area,
     heights: tuple[float, float],
@@ -110,26 +102,25 @@ def draw_above(
     """The frame from above, (H, W, 3), red, green, blue.
 
     Args:
-        result: The frame.
+        drawn: The objects of the frame.
         rig: The sensors and zones.
-        trails: Of each fused object (K, 3), in the site frame.
-        class_names: Of `Boxes3D.class_ids`.
+        trails: Of each object (K, 3), in the site frame.
         area: What is shown.
         heights: Between which the colours of points run, metres.
         size_px: Width and height.
     """
     canvas, site = Canvas.blank(*size_px, _LETTER_PX), SiteMap(area, *size_px)
     _draw_grid(canvas, site)
-    ground, cloud = result.combined.ground_cloud, result.combined.cloud
+    ground, cloud = drawn.result.combined.ground_cloud, drawn.result.combined.cloud
     _draw_points(canvas, site, ground, np.broadcast_to(np.array(GROUND, np.uint8), (len(ground), 3)))
     _draw_points(canvas, site, cloud, HEIGHT_COLORS[height_rows(cloud.xyz[:, 2], heights)])
-    labels = _draw_zones(canvas, site, result, rig)
+    labels = _draw_zones(canvas, site, drawn, rig)
     canvas.dots([site.pixels(lidar.T_site_lidar.translation) for lidar in rig.lidars], _SENSOR, 3.5)
-    for view in result.views.values():
+    for view in drawn.result.views.values():
         aside = view.model.width_px / 2 / view.model.K[0, 0]
         wedge = np.array([[-aside, 0, 1], [0, 0, 0], [aside, 0, 1]]) * _WEDGE_PX / site.px_per_m
         canvas.lines([site.pixels(np.asarray(view.T_camera_site.inverse().apply(wedge)))], _SENSOR)
-    canvas.labels(labels + _draw_objects(canvas, site, result, trails, class_names))
+    canvas.labels(labels + _draw_objects(canvas, site, drawn, trails))
     return canvas.pixels
 
 
@@ -159,10 +150,10 @@ def _draw_points(canvas: Canvas, site: SiteMap, cloud: PointCloud, colors: U8) -
         canvas.pixels[rows + down, columns + right] = colors
 
 
-def _draw_zones(canvas: Canvas, site: SiteMap, result: FrameResult, rig: Rig) -> list[Label]:
+def _draw_zones(canvas: Canvas, site: SiteMap, drawn: DrawnObjects, rig: Rig) -> list[Label]:
     """The zones as far as they are in view; returns their names with the number of objects in each."""
     low, high = site.bounds_m()
-    places = rig.place_rows(result.fused.objects.centers[strong_objects(result)])
+    places = rig.place_rows(drawn.boxes.centers[drawn.strong])
     counts = {zone.name: str((places == row).sum()) for row, zone in enumerate(rig.counted_zones)}
     labels = []
     for zone in rig.zones:
@@ -172,16 +163,14 @@ def _draw_zones(canvas: Canvas, site: SiteMap, result: FrameResult, rig: Rig) ->
     return labels
 
 
-def _draw_objects(
-    canvas: Canvas, site: SiteMap, result: FrameResult, trails: Sequence[F64], class_names: Sequence[str]
-) -> list[Label]:
+def _draw_objects(canvas: Canvas, site: SiteMap, drawn: DrawnObjects, trails: Sequence[F64]) -> list[Label]:
     """The objects, the strong ones on top; returns their labels."""
-    objects, strong, thin = result.fused.objects, strong_objects(result), thin_objects(result)
-    colors = [tuple(color) for color in np.round(object_colors(result) * 255).astype(int).tolist()]
+    objects, strong, thin = drawn.boxes, drawn.strong, drawn.thin
+    colors = [tuple(color) for color in np.round(drawn.colors * 255).astype(int).tolist()]
     outlines = site.pixels(box_corners(objects.centers, objects.sizes, objects.yaws)[:, :4])
-    headings, lengths = np.stack([np.cos(objects.yaws), np.sin(objects.yaws)], 1), arrow_lengths(result)
+    headings, lengths = np.stack([np.cos(objects.yaws), np.sin(objects.yaws)], 1), drawn.arrow_lengths_m
     middles, tips = site.pixels(objects.centers), site.pixels(objects.centers[:, :2] + headings * lengths[:, None])
-    ellipses, texts, labels = site.pixels(ground_ellipses(objects)), object_labels(result, class_names), []
+    ellipses, labels = site.pixels(ground_ellipses(objects)), []
     filled = np.flatnonzero(strong & ~thin).tolist()
     canvas.areas([outlines[row] for row in filled], [colors[row] for row in filled], _OPACITY)
     for row in np.argsort(strong, kind="stable").tolist():
@@ -193,5 +182,5 @@ def _draw_objects(
             canvas.lines([ellipses[row]], colors[row], closed=True)
         if strong[row] and (outlines[row] > 0).all() and (outlines[row] < canvas.size_px).all():
             (left, top), color = outlines[row].min(0).tolist(), class_color(int(objects.class_ids[row])).bytes_rgb
-            labels.append(Label(left, top - 3, texts[row], color, 1.0 + float(objects.scores[row])))
+            labels.append(Label(left, top - 3, drawn.labels[row], color, 1.0 + float(objects.scores[row])))
     return labels

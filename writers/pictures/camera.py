@@ -1,22 +1,13 @@
 """The image of a camera with 2D boxes, 3D boxes as the lens bends them, and which of them belong together."""
 
-from collections.abc import Sequence
 from typing import Literal
 
 import cv2
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64, U8
-from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import CameraSensor
-from lidcam.writers.drawing import (
-    drawn_boxes_2d,
-    object_colors,
-    object_edges,
-    object_labels,
-    strong_objects,
-    thin_objects,
-)
+from lidcam.writers.drawing import DrawnObjects, drawn_boxes_2d, object_edges
 from lidcam.writers.palette import MATCHED, class_color
 from lidcam.writers.pictures.canvas import TEXT, Canvas, Label
 
@@ -25,10 +16,9 @@ Look = Literal["full", "compact"]
 
 
 def draw_camera(
-    result: FrameResult,
+    drawn: DrawnObjects,
     camera: CameraSensor,
     image: U8 | None,
-    class_names: Sequence[str],
     *,
     width_px: int,
     title: str,
@@ -37,27 +27,26 @@ def draw_camera(
     """The picture of a camera in a frame, (H, W, 3), red, green, blue.
 
     Args:
-        result: The frame.
+        drawn: The objects of the frame.
         camera: The camera.
         image: (H, W, 3) its image; None where there is none.
-        class_names: Of `Boxes2D.class_ids` and `Boxes3D.class_ids`.
         width_px: Width of the picture; its height follows from the camera's.
         title: Stands in the corner.
         look: Whether there is room for all.
     """
     scale, is_full = width_px / camera.model.width_px, look == "full"
     canvas = _canvas(image, width_px, round(camera.model.height_px * scale))
-    objects, strong, thin = result.fused.objects, strong_objects(result), thin_objects(result)
+    result, objects, strong, thin = drawn.result, drawn.boxes, drawn.strong, drawn.thin
     pieces, rows = object_edges(result, [camera.name])[camera.name]
     edges = [pieces[rows == row] * np.float32(scale) for row in range(len(objects))]
-    colors = np.round(object_colors(result) * 255).astype(int).tolist()
+    colors = np.round(drawn.colors * 255).astype(int).tolist()
     depths = np.asarray(result.views[camera.name].T_camera_site.apply(objects.centers))[:, 2]
     for row in np.argsort(-depths, kind="stable").tolist():
         is_wide = is_full and strong[row]
         canvas.lines(edges[row], colors[row], 2 if is_wide and not thin[row] else 1, shade=is_wide)
-    drawn = drawn_boxes_2d(result, camera.name, class_names)
+    boxes = drawn_boxes_2d(drawn, camera.name)
     labels = []
-    for box, color, text, row, overlap in zip(drawn.xyxy * scale, *drawn[1:], strict=True):
+    for box, color, text, row, overlap in zip(boxes.xyxy * scale, *boxes[1:], strict=True):
         left, top, right, bottom = (np.floor(box) + 0.5).tolist()  # sharp lines
         corners = [[left, top], [right, top], [right, bottom], [left, bottom]]
         canvas.lines([corners], color.bytes_rgb, closed=True, shade=is_full)
@@ -67,10 +56,10 @@ def draw_camera(
             canvas.lines([ends], MATCHED.bytes_rgb, shade=1)
             canvas.dots(ends, MATCHED.bytes_rgb, 2.5)
         labels.append(Label(left, top - 2, text, color.bytes_rgb, 2.0 + (color is MATCHED)))
-    texts, class_ids = object_labels(result, class_names), objects.class_ids.tolist()
+    class_ids = objects.class_ids.tolist()
     for row in np.flatnonzero(strong).tolist():
-        for left, top, *_ in _around(edges[row]).tolist() if row not in drawn.objects else ():
-            labels.append(Label(left, top - 2, texts[row], class_color(class_ids[row]).bytes_rgb, 1.0))
+        for left, top, *_ in _around(edges[row]).tolist() if row not in boxes.objects else ():
+            labels.append(Label(left, top - 2, drawn.labels[row], class_color(class_ids[row]).bytes_rgb, 1.0))
     if not is_full:  # without speeds
         labels = [label._replace(text=label.text.partition(", ")[0]) for label in labels]
     canvas.labels([Label(0.0, 0.0, title, TEXT, np.inf), *labels])

@@ -4,9 +4,9 @@ The writer of OpenCV's wheel has no H.264, and its images are all shown for the 
 """
 
 import json
+from contextlib import ExitStack
 from fractions import Fraction
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import av
 from av.video.reformatter import ColorRange, Colorspace
@@ -14,6 +14,7 @@ from av.video.reformatter import ColorRange, Colorspace
 from lidcam.pipeline.core.arrays import U8
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.messages import Drop
+from lidcam.writers.base import ResultWriter
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.marks import FILM
 from lidcam.writers.outputs.transaction import OutputFile
@@ -42,8 +43,8 @@ BT709 = 1
 """Number of the colours of high definition in H.264."""
 
 
-class FilmWriter:
-    """Writes an `.mp4`; a `lidcam.writers.base.ResultWriter`.
+class FilmWriter(ResultWriter):
+    """Writes an `.mp4`.
 
     Its tag `comment` has, as JSON, where the result comes from (`Provenance.metadata`).
     """
@@ -51,15 +52,14 @@ class FilmWriter:
     name = "video"
 
     def __init__(self, output: OutputFile, scenes: Scenes, provenance: Provenance) -> None:
-        self._output, self._scenes = output, scenes
+        self.path, self._output, self._scenes = output.path, output, scenes
         self._comment = f"{FILM} {json.dumps(provenance.metadata())}"
         self._waiting: U8 | None = None
         self._last_ns = self._shown_ns = 0
 
-    def __enter__(self) -> Self:
+    def _open(self, resources: ExitStack) -> None:
         options = {"fflags": "+bitexact", "movflags": "+faststart"}
-        with output_errors(self._output.path):
-            self._file: Any = av.open(self._output.part, "w", format="mp4", options=options)
+        self._file: Any = resources.enter_context(av.open(self._output.part, "w", format="mp4", options=options))
         self._file.metadata["comment"] = self._comment
         self._stream: Any = self._file.add_stream("libx264", options=OPTIONS)
         coder = self._stream.codec_context
@@ -68,15 +68,10 @@ class FilmWriter:
         coder.time_base, coder.framerate = TICK_S, NOMINAL_HZ
         coder.colorspace = coder.color_primaries = coder.color_trc = BT709
         coder.color_range = ColorRange.MPEG
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        with output_errors(self._output.path), self._file:
-            if kind is None:
-                self._encode(USUAL_NS)
-                self._file.mux(self._stream.encode(None))
+    def _finish(self) -> None:
+        self._encode(USUAL_NS)
+        self._file.mux(self._stream.encode(None))
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
         """Add one frame.
@@ -101,5 +96,5 @@ class FilmWriter:
         first, last = (round(ns * TICKS_PER_S / 1e9) for ns in (self._shown_ns, self._shown_ns + shown_ns))
         frame.pts, frame.duration, frame.time_base = first, last - first, TICK_S
         self._shown_ns += shown_ns
-        with output_errors(self._output.path):
+        with output_errors(self.path):
             self._file.mux(self._stream.encode(frame))

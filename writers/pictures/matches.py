@@ -2,13 +2,13 @@
 
 import json
 import re
-from types import TracebackType
-from typing import Self
+from contextlib import ExitStack
 
 from PIL import Image
 
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.messages import Drop
+from lidcam.writers.base import ResultWriter
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.marks import MATCHES
 from lidcam.writers.outputs.transaction import OutputFile
@@ -18,8 +18,8 @@ from lidcam.writers.provenance import Provenance
 JPEG_QUALITY, MAX_COMMENT = 90, 65_000
 
 
-class MatchesWriter:
-    """Writes `frame_NUMBER_CAMERA.jpg` of each image; a `lidcam.writers.base.ResultWriter`.
+class MatchesWriter(ResultWriter):
+    """Writes `frame_NUMBER_CAMERA.jpg` of each image.
 
     A comment in each file has, as JSON, camera, frame, `stamp_ns` and where the result comes from
     (`Provenance.metadata`).
@@ -28,16 +28,10 @@ class MatchesWriter:
     name = "matches"
 
     def __init__(self, output: OutputFile, scenes: Scenes, provenance: Provenance) -> None:
-        self._output, self._scenes, self._origin = output, scenes, provenance.metadata()
+        self.path, self._output, self._scenes, self._origin = output.path, output, scenes, provenance.metadata()
 
-    def __enter__(self) -> Self:
-        with output_errors(self._output.path):
-            self._output.part.mkdir()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def _open(self, resources: ExitStack) -> None:  # noqa: ARG002
+        self._output.part.mkdir()
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
         """Write the pictures of one frame.
@@ -55,6 +49,6 @@ class MatchesWriter:
             facts = {"camera": name, "frame": bundle.index, "stamp_ns": bundle.stamp_ns, **self._origin}
             label, comment = re.sub(r"[^\w.-]", "_", name), f"{MATCHES} {json.dumps(facts)}"
             path = self._output.part / f"frame_{bundle.index:06d}_{label}.jpg"
-            with output_errors(self._output.path), path.open("xb") as file:
+            with output_errors(self.path), path.open("xb") as file:
                 Image.fromarray(picture).save(file, "JPEG", quality=JPEG_QUALITY, comment=comment[:MAX_COMMENT])
         return tuple(drops)

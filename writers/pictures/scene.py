@@ -17,7 +17,7 @@ from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.text import brief
-from lidcam.writers.drawing import height_range, strong_objects
+from lidcam.writers.drawing import DrawnObjects, camera_image, height_range, strong_objects
 from lidcam.writers.pictures.above import Area, SiteMap, area_of, draw_above
 from lidcam.writers.pictures.camera import Look, draw_camera
 from lidcam.writers.pictures.canvas import FAINT_TEXT, Canvas
@@ -82,7 +82,7 @@ class Scenes:
         self._area = self._area or area_of(result, self._rig)
         self._heights = self._heights or height_range(result.combined)
         for camera in self._rig.cameras:
-            if _message(result, camera) is not None or camera.name in result.detections.cameras:
+            if camera_image(result, camera) is not None or camera.name in result.detections.cameras:
                 self._images[camera.name] = result
             elif result.bundle.missing.get(camera.topic or camera.boxes_topic) != Missing.NOT_NEAR:
                 self._images.pop(camera.name, None)  # silent, or its image is unfit
@@ -111,10 +111,9 @@ class Scenes:
             _paste(canvas, picture, place)
             drops += unfit
         site = draw_above(
-            scene.frame,
+            DrawnObjects.of(scene.frame, self._names),
             self._rig,
             scene.trails,
-            self._names,
             area=area,
             heights=self._heights or (0.0, 1.0),
             size_px=(above.width, above.height),
@@ -126,13 +125,14 @@ class Scenes:
     def _camera(self, scene: Scene, camera: CameraSensor, width_px: int, look: Look) -> Drawn:
         shown, image, drops = scene.images.get(camera.name, scene.frame), None, []
         late_s = (scene.frame.bundle.stamp_ns - shown.bundle.stamp_ns) / 1e9
-        if (message := _message(shown, camera)) is not None:
+        if (message := camera_image(shown, camera)) is not None:
             try:
                 image = self._decode(message).rgb
             except MessageError as err:
                 drops = [Drop(message.topic, message.stamp_ns, "the image cannot be shown", str(err))]
         title = f"{camera.name}, {late_s:.1f} s ago" if late_s else camera.name
-        picture = draw_camera(shown, camera, image, self._names, width_px=width_px, title=title, look=look)
+        drawn = DrawnObjects.of(shown, self._names)
+        picture = draw_camera(drawn, camera, image, width_px=width_px, title=title, look=look)
         return picture, () if late_s else tuple(drops)
 
     def _draw_bar(self, canvas: Canvas, frame: FrameResult) -> None:
@@ -147,13 +147,6 @@ class Scenes:
         canvas.text(12, BAR_PX - 8, clock)
         text = f"{', '.join(found) or 'no objects'}   frame {frame.bundle.index}"
         canvas.text(SIZE_PX[0] - 12, BAR_PX - 8, text, FAINT_TEXT, share=1.0)
-
-
-def _message(result: FrameResult, camera: CameraSensor) -> RawMessage | None:
-    """The image of a camera in a frame; None where there is none, or it was found to be unfit."""
-    message = result.bundle.messages.get(camera.topic)
-    unfit = {(drop.topic, drop.stamp_ns) for drop in result.drops}
-    return None if message is None or (message.topic, message.stamp_ns) in unfit else message
 
 
 class _Place(NamedTuple):

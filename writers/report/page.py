@@ -1,12 +1,15 @@
 """The page as one file: content, style, plots and the script that draws them. Nothing is fetched when it is opened."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.resources import files
 
+from markupsafe import Markup
+
+from lidcam.pipeline.core.text import visible
 from lidcam.writers.outputs.marks import PAGE
 from lidcam.writers.palette import Rgb, class_color
-from lidcam.writers.report.html import Raw, filled, text
 from lidcam.writers.report.values import Figure
 
 CLASSES = 6
@@ -43,40 +46,60 @@ _SOURCES = {
 }
 
 
-def page(title: str, body: Raw, figures: Mapping[str, Figure]) -> str:
-    """The whole page.
+@dataclass(frozen=True, slots=True)
+class PageTable:
+    """A table of a page: cells are text, or HTML that is `Markup`.
 
-    Args:
-        title: Title of the window.
-        body: Content, with places for the figures (`html.figure`).
-        figures: The plots by name.
+    Attributes:
+        head: Names of the columns.
+        rows: The cells; without rows there is no table.
+        words: Columns of words, which stand left; numbers stand right.
+        title: Its heading.
+        notes: Lines below it.
     """
-    from plotly.offline import get_plotlyjs  # loads half of plotly
 
-    return filled(
-        _text("page.html"),
-        mark=PAGE,
-        title=text(title),
-        style=_text("page.css") + _swatches(),
-        body=body,
-        figures=_json({name: {"views": [], **figure} for name, figure in figures.items()}),
+    head: Sequence[str]
+    rows: Sequence[Sequence[object]]
+    words: Sequence[int] = (0,)
+    title: str = ""
+    notes: Sequence[str] = ()
+
+
+def page(figures: Mapping[str, Figure], **content: object) -> str:
+    """The whole page: the template with its content, and the plots by name."""
+    from jinja2 import Environment, StrictUndefined
+
+    template = Environment(
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+        finalize=lambda value: visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value,
+    ).from_string(_text("page.html"))
+    return template.render(
+        mark=Markup(PAGE),
+        style=Markup(_text("page.css") + _swatches()),
+        figures=figures,
+        figures_json=_json({name: {"views": [], **figure} for name, figure in figures.items()}),
         palette=_json({theme: _colors(theme) for theme in _THEMES}),
-        plotly=get_plotlyjs().replace("</script", "<\\/script"),
-        script=_text("page.js"),
+        plotly=Markup(_text("plotly-cartesian.min.js").replace("</script", "<\\/script")),
+        script=Markup(_text("page.js")),
+        **content,
     )
 
 
-def class_name(class_id: int, name: str) -> Raw:
+def class_name(class_id: int, name: str) -> Markup:
     """The name of a class behind a square of its colour."""
-    return Raw(f'<span class="name"><span class="swatch c{class_id % CLASSES}"></span>{text(name)}</span>')
+    swatch = Markup('<span class="name"><span class="swatch c{}"></span>{}</span>')
+    return swatch.format(class_id % CLASSES, visible(name))
 
 
 def _text(name: str) -> str:
     return files("lidcam.writers.report").joinpath(name).read_text(encoding="utf-8")
 
 
-def _json(tree: object) -> str:
-    return json.dumps(tree, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
+def _json(tree: object) -> Markup:
+    return Markup(json.dumps(tree, separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c"))
 
 
 def _colors(theme: str) -> dict[str, object]:

@@ -10,20 +10,9 @@ import rerun as rr
 from lidcam.pipeline.core.arrays import F32, F64, U8, Bools
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes3D, source_names
-from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.true_boxes import TrueBoxes
-from lidcam.writers.drawing import (
-    DrawnBoxes2D,
-    ObjectEdges,
-    arrow_lengths,
-    ground_ellipses,
-    labels_in_the_clear,
-    object_colors,
-    roofs,
-    strong_objects,
-    thin_objects,
-)
+from lidcam.writers.drawing import DrawnBoxes2D, DrawnObjects, ObjectEdges, ground_ellipses, labels_in_the_clear
 from lidcam.writers.palette import CAMERA_ONLY, GROUND, HEIGHT_COLORS, TRUTH, Rgb, height_rows
 
 Look = Literal["strong", "thin", "faint"]
@@ -59,32 +48,31 @@ def ground_points(combined: CombinedCloud) -> rr.Points3D:
     return rr.Points3D(xyz, colors=GROUND, radii=rr.Radius.ui_points(0.9))
 
 
-def objects_3d(result: FrameResult, labels: Sequence[str], rows: Bools, look: Look) -> rr.Boxes3D:
+def objects_3d(drawn: DrawnObjects, rows: Bools, look: Look) -> rr.Boxes3D:
     """Some of the fused objects.
 
     Args:
-        result: The frame.
-        labels: Labels of all objects, to be read in the viewer.
+        drawn: All of them.
         rows: (N,) which of them.
         look: `strong`: thick lines; `thin`, `faint`: thin lines.
     """
-    objects = result.fused.objects.select(rows)
+    objects = drawn.boxes.select(rows)
     return rr.Boxes3D(
         centers=objects.centers,
         sizes=objects.sizes,
         quaternions=_turns(objects.yaws),
-        colors=_bytes(object_colors(result)[rows]),
-        labels=[label for label, chosen in zip(labels, rows.tolist(), strict=True) if chosen],
+        colors=_bytes(drawn.colors[rows]),
+        labels=[label for label, chosen in zip(drawn.labels, rows.tolist(), strict=True) if chosen],
         show_labels=False,
         fill_mode="MajorWireframe",
         radii=rr.Radius.ui_points(1.5 if look == "strong" else 0.7),
     )
 
 
-def faces_3d(result: FrameResult, rows: Bools) -> rr.Boxes3D:
+def faces_3d(drawn: DrawnObjects, rows: Bools) -> rr.Boxes3D:
     """The faces of some of the fused objects, so faint that the points in a large one are seen through them."""
-    objects = result.fused.objects.select(rows)
-    rgb = _bytes(object_colors(result)[rows])
+    objects = drawn.boxes.select(rows)
+    rgb = _bytes(drawn.colors[rows])
     return rr.Boxes3D(
         centers=objects.centers,
         sizes=objects.sizes,
@@ -94,28 +82,28 @@ def faces_3d(result: FrameResult, rows: Bools) -> rr.Boxes3D:
     )
 
 
-def object_texts(result: FrameResult, texts: Sequence[str], places: F64, rows: Bools) -> rr.Points3D:
+def object_texts(drawn: DrawnObjects, texts: Sequence[str], places: F64, rows: Bools) -> rr.Points3D:
     """Texts (N,) at places (N, 3) of some of the fused objects, which never wrap and have no point."""
     return rr.Points3D(
         places[rows],
-        colors=_bytes(object_colors(result)[rows]),
+        colors=_bytes(drawn.colors[rows]),
         radii=0.0,
         labels=[text for text, chosen in zip(texts, rows.tolist(), strict=True) if chosen],
         show_labels=True,
     )
 
 
-def label_lines(result: FrameResult, places: F64, rows: Bools) -> rr.LineStrips3D:
+def label_lines(drawn: DrawnObjects, places: F64, rows: Bools) -> rr.LineStrips3D:
     """Lines from the roofs of some of the fused objects to their labels, where these are raised."""
-    tops = roofs(result.fused.objects)
+    tops = drawn.roofs
     rows = rows & (places[:, 2] != tops[:, 2])
-    lines = np.stack([tops, places], 1)[rows]
-    return rr.LineStrips3D(lines, colors=_bytes(object_colors(result)[rows]), radii=rr.Radius.ui_points(0.4))
+    lines = np.stack([tops, places], 1)[rows].astype(np.float32)
+    return rr.LineStrips3D(lines, colors=_bytes(drawn.colors[rows]), radii=rr.Radius.ui_points(0.4))
 
 
-def object_facts(result: FrameResult, rows: Bools) -> rr.DynamicArchetype:
+def object_facts(drawn: DrawnObjects, rows: Bools) -> rr.DynamicArchetype:
     """Sources of the geometry of some of the fused objects, and what their tracks say, to be read in the viewer."""
-    tracks, sources = result.fused.tracks, source_names(result.fused.objects.sources[rows])
+    tracks, sources = drawn.result.fused.tracks, source_names(drawn.boxes.sources[rows])
     facts: dict[str, Any] = {"source": rr.components.TextBatch(sources)}
     if tracks is not None:
         chosen = tracks.select(rows)
@@ -125,20 +113,20 @@ def object_facts(result: FrameResult, rows: Bools) -> rr.DynamicArchetype:
     return rr.DynamicArchetype("lidcam.Objects", drop_untyped_nones=False, components=facts)
 
 
-def trails(result: FrameResult, paths: Sequence[F64]) -> rr.LineStrips3D:
+def trails(drawn: DrawnObjects, paths: Sequence[F64]) -> rr.LineStrips3D:
     """The trails of the fused objects that have one, in their colours."""
     rows = [row for row, path in enumerate(paths) if len(path)]
     return rr.LineStrips3D(
         [paths[row] for row in rows],
-        colors=_bytes(object_colors(result)[rows]),
+        colors=_bytes(drawn.colors[rows]),
         radii=rr.Radius.ui_points(1.6),
     )
 
 
-def object_ellipses(result: FrameResult, rows: Bools) -> rr.LineStrips3D:
+def object_ellipses(drawn: DrawnObjects, rows: Bools) -> rr.LineStrips3D:
     """An ellipse of one standard deviation on the ground, around some of the fused objects."""
-    objects = result.fused.objects.select(rows)
-    return _ellipses(objects, _bytes(object_colors(result)[rows]))
+    objects = drawn.boxes.select(rows)
+    return _ellipses(objects, _bytes(drawn.colors[rows]))
 
 
 def placed_boxes(boxes: Boxes3D, class_names: Sequence[str]) -> rr.Boxes3D:
@@ -183,26 +171,26 @@ def _edges(boxes: Boxes3D | TrueBoxes, labels: Sequence[str], color: Rgb, radius
     )
 
 
-def heading_arrows(result: FrameResult, rows: Bools) -> rr.Arrows3D:
+def heading_arrows(drawn: DrawnObjects, rows: Bools) -> rr.Arrows3D:
     """Arrows along the headings of some of the fused objects, where their fronts are known."""
-    lengths = arrow_lengths(result)
+    lengths = drawn.arrow_lengths_m
     rows = rows & (lengths > 0)
-    objects = result.fused.objects.select(rows)
+    objects = drawn.boxes.select(rows)
     ahead = np.stack([np.cos(objects.yaws), np.sin(objects.yaws), np.zeros_like(objects.yaws)], -1)
     return rr.Arrows3D(
         origins=objects.centers,
         vectors=ahead * lengths[rows, None],
-        colors=_bytes(object_colors(result)[rows]),
+        colors=_bytes(drawn.colors[rows]),
         radii=objects.sizes[:, 2] * 0.03,
     )
 
 
-def edges_2d(result: FrameResult, edges: ObjectEdges) -> rr.LineStrips2D:
+def edges_2d(drawn: DrawnObjects, edges: ObjectEdges) -> rr.LineStrips2D:
     """The fused objects as the camera's lens bends them: thinner where faint, or where no lidar shows them."""
     segments, rows = edges
-    is_thick = strong_objects(result) & ~thin_objects(result)
+    is_thick = drawn.strong & ~drawn.thin
     radii = np.where(is_thick, -1.0, -0.5)[rows]  # Rerun: a negative radius is in points of the screen
-    return rr.LineStrips2D(segments, colors=_bytes(object_colors(result)[rows]), radii=radii, draw_order=20.0)
+    return rr.LineStrips2D(segments, colors=_bytes(drawn.colors[rows]), radii=radii, draw_order=20.0)
 
 
 def boxes_2d(drawn: DrawnBoxes2D) -> rr.Boxes2D:

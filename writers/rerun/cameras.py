@@ -7,12 +7,12 @@ import cv2
 import rerun as rr
 
 from lidcam.pipeline.core.errors import MessageError
-from lidcam.pipeline.core.frame import FrameResult, Missing
+from lidcam.pipeline.core.frame import Missing
 from lidcam.pipeline.core.messages import Drop, RawMessage
 from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.writers.drawing import ObjectEdges, drawn_boxes_2d
+from lidcam.writers.drawing import DrawnObjects, ObjectEdges, camera_image, drawn_boxes_2d
 from lidcam.writers.messages.images import COMPRESSED, read_image
 from lidcam.writers.rerun import archetypes
 from lidcam.writers.rerun.blueprint import camera_path
@@ -40,16 +40,14 @@ class CameraLog:
         self._shown: set[str] = set()
         self.waiting_bytes = 0
 
-    def log(self, camera: CameraSensor, result: FrameResult, edges: ObjectEdges) -> tuple[Drop, ...]:
+    def log(self, camera: CameraSensor, objects: DrawnObjects, edges: ObjectEdges) -> tuple[Drop, ...]:
         """Log an image and what is drawn on it; a camera slower than the frames keeps its last image.
 
         Returns:
             Images that cannot be decoded.
         """
-        unusable = {(drop.topic, drop.stamp_ns) for drop in result.drops}
-        message = result.bundle.messages.get(camera.topic)
-        if message is not None and (message.topic, message.stamp_ns) in unusable:
-            message = None
+        result = objects.result
+        message = camera_image(result, camera)
         is_slower = result.bundle.missing.get(camera.topic) == Missing.NOT_NEAR
         if message is None and camera.name not in result.detections.cameras:
             if not is_slower:
@@ -63,7 +61,7 @@ class CameraLog:
                 image = self._encoded(message)
             except MessageError as err:
                 drops = (Drop(message.topic, message.stamp_ns, "the image cannot be shown", str(err)),)
-        drawn = drawn_boxes_2d(result, camera.name, self._config.object_names)
+        drawn = drawn_boxes_2d(objects, camera.name)
         if not is_slower:
             self._log("image", camera, image)
         path = camera_path(camera)
@@ -71,7 +69,7 @@ class CameraLog:
             self._log("boxes", camera, archetypes.boxes_2d(drawn))
             self._log("boxes/labels", camera, archetypes.labels_2d(drawn, camera))
         if self._news.at(f"{path}/objects", len(edges[1])):
-            self._log("objects", camera, archetypes.edges_2d(result, edges))
+            self._log("objects", camera, archetypes.edges_2d(objects, edges))
         return drops
 
     def _clear(self, camera: CameraSensor) -> None:

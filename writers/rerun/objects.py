@@ -3,18 +3,10 @@
 import rerun as rr
 
 from lidcam.pipeline.core.arrays import Bools
-from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.tracks import NO_TRACK
-from lidcam.writers.drawing import (
-    object_labels,
-    predicted_objects,
-    roofs,
-    strong_objects,
-    thin_objects,
-    track_numbers,
-)
+from lidcam.writers.drawing import DrawnObjects
 from lidcam.writers.labels_3d import LabelPlaces
 from lidcam.writers.palette import ZONE
 from lidcam.writers.rerun import archetypes
@@ -50,12 +42,11 @@ class ObjectLog:
             texts = rr.Points3D(middles, colors=ZONE.bytes_rgb, radii=0.0, show_labels=True)
             self._recording.log("world/zones/counts", texts, static=True)  # each frame has its own labels
 
-    def log(self, result: FrameResult) -> None:
+    def log(self, drawn: DrawnObjects) -> None:
         """Log the objects of a frame at the time that is set."""
-        labels, log = object_labels(result, self._config.object_names), self._recording.log
-        strong, predicted = strong_objects(result), predicted_objects(result)
-        seen, thin = strong & ~thin_objects(result), strong & thin_objects(result)
-        placed, predicted = thin & ~predicted, thin & predicted
+        result, log, strong = drawn.result, self._recording.log, drawn.strong
+        seen, thin = strong & ~drawn.thin, strong & drawn.thin
+        placed, predicted = thin & ~drawn.predicted, thin & drawn.predicted
         looks: tuple[tuple[str, Bools, archetypes.Look], ...] = (
             ("world/objects", seen, "strong"),
             ("world/placed", placed, "thin"),
@@ -64,22 +55,22 @@ class ObjectLog:
         )
         for path, rows, look in looks:
             if self._news.at(path, int(rows.sum())):
-                shown = archetypes.objects_3d(result, labels, rows, look)
-                log(path, shown, archetypes.object_facts(result, rows))
+                shown = archetypes.objects_3d(drawn, rows, look)
+                log(path, shown, archetypes.object_facts(drawn, rows))
         if self._news.at("world/objects/heading", int(seen.sum())):
-            log("world/objects/heading", archetypes.heading_arrows(result, seen))
-            log("world/objects/faces", archetypes.faces_3d(result, seen))
+            log("world/objects/heading", archetypes.heading_arrows(drawn, seen))
+            log("world/objects/faces", archetypes.faces_3d(drawn, seen))
         if self._news.at(LABELS, int(strong.sum())):
-            self._log_texts(result, labels, strong)
+            self._log_texts(drawn)
         if self._rig.zones:
-            texts = zone_texts(self._rig, result.fused.objects.centers)
+            texts = zone_texts(self._rig, drawn.boxes.centers)
             log("world/zones/counts", rr.Points3D.from_fields(labels=texts))
         for path, rows in (("world/placed", placed), ("world/predicted", predicted)):
             if self._news.at(f"{path}/uncertainty", int(rows.sum())):
-                log(f"{path}/uncertainty", archetypes.object_ellipses(result, rows))
+                log(f"{path}/uncertainty", archetypes.object_ellipses(drawn, rows))
         paths = self._trails.add(result)
         if self._news.at("world/trails", sum(len(path) > 0 for path in paths)):
-            log("world/trails", archetypes.trails(result, paths))
+            log("world/trails", archetypes.trails(drawn, paths))
         if (found := result.detections.placed) is not None:
             if self._news.at(PLACED, len(found)):
                 log(PLACED, archetypes.placed_boxes(found, self._config.object_names))
@@ -90,13 +81,11 @@ class ObjectLog:
             self._has_placed = False
             self._news.cleared(PLACED)
 
-    def _log_texts(self, result: FrameResult, labels: list[str], strong: Bools) -> None:
+    def _log_texts(self, drawn: DrawnObjects) -> None:
         """The labels of objects, apart as the first view's eye sees them, and their numbers for the view from above."""
-        places = self._label_places.of(result, labels)
-        self._recording.log(LABELS, archetypes.object_texts(result, labels, places, strong))
-        self._recording.log(f"{LABELS}/lines", archetypes.label_lines(result, places, strong))
-        numbers = track_numbers(result)
-        texts = [f"#{number}" for number in numbers.tolist()]
-        self._recording.log(
-            NUMBERS, archetypes.object_texts(result, texts, roofs(result.fused.objects), strong & (numbers != NO_TRACK))
-        )
+        places, strong = self._label_places.of(drawn), drawn.strong
+        self._recording.log(LABELS, archetypes.object_texts(drawn, drawn.labels, places, strong))
+        self._recording.log(f"{LABELS}/lines", archetypes.label_lines(drawn, places, strong))
+        numbers = [f"#{number}" for number in drawn.tracks.tolist()]
+        has_track = strong & (drawn.tracks != NO_TRACK)
+        self._recording.log(NUMBERS, archetypes.object_texts(drawn, numbers, drawn.roofs, has_track))

@@ -9,8 +9,6 @@ import json
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 import rerun as rr
@@ -24,10 +22,8 @@ from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.text import visible
 from lidcam.pipeline.core.true_boxes import TrueBoxes
-from lidcam.writers.drawing import (
-    height_range,
-    object_edges,
-)
+from lidcam.writers.base import ResultWriter
+from lidcam.writers.drawing import DrawnObjects, height_range, object_edges
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.transaction import OutputFile
 from lidcam.writers.palette import CAMERA_ONLY, MATCHED, class_color
@@ -60,7 +56,7 @@ POINT_BYTES = 16
 _WAY_COLOR = (225, 190, 90)
 
 
-class RerunResultWriter:
+class RerunResultWriter(ResultWriter):
     """Writes one run's frames to a file, which is complete when the block ends without error, or shows them.
 
     Args:
@@ -81,9 +77,8 @@ class RerunResultWriter:
     ) -> None:
         self.name = "view" if output is None else "rerun"
         self._output, self._rig, self._config = output, rig, config
-        self._path = Path("--view") if output is None else output.path
+        self.path = Path("--view") if output is None else output.path
         self._provenance, self._decode = provenance, decode_any_image
-        self._resources = ExitStack()
         self._recording: rr.RecordingStream
         self._survey = SceneSurvey(rig)
         self._is_placed = False
@@ -95,53 +90,31 @@ class RerunResultWriter:
         self._fixed_frame_id: str | None = None
         self._frames = self._waiting_bytes = 0
 
-    def __enter__(self) -> Self:
-        with ExitStack() as resources, output_errors(self._path):
-            output = self._output
-            file = None if output is None else resources.enter_context(output.part.open("xb", buffering=0))
-            resources.enter_context(without_rerun_variables())
-            self._recording = rr.RecordingStream(
-                "lidcam",
-                recording_id=None if file is None else self._provenance.recording_id,
-                send_properties=False,
-                batcher_config=rr.ChunkBatcherConfig(flush_tick=SHOWN_TICK_S if file is None else FLUSH_TICK_S),
-            )
-            self._recording.set_log_time_enabled(False)
-            self._recording.set_log_tick_enabled(False)
-            self._objects = ObjectLog(self._recording, self._rig, self._config, self._survey)
-            self._cameras = CameraLog(self._recording, self._config, self._decode)
-            self._stream: RerunStream | RerunViewer
-            if file is None:
-                self._stream = RerunViewer(self._recording)
-            else:
-                self._stream = RerunStream(self._recording, file, self._path)
-            resources.push(self._end)
-            self._recording.send_recording_name(
-                visible(", ".join(known["name"] for known in self._provenance.inputs)) or "lidcam"
-            )
-            self._resources = resources.pop_all()
-        return self
+    def _open(self, resources: ExitStack) -> None:
+        file = None if self._output is None else resources.enter_context(self._output.part.open("xb", buffering=0))
+        resources.enter_context(without_rerun_variables())
+        self._recording = rr.RecordingStream(
+            "lidcam",
+            recording_id=None if file is None else self._provenance.recording_id,
+            send_properties=False,
+            batcher_config=rr.ChunkBatcherConfig(flush_tick=SHOWN_TICK_S if file is None else FLUSH_TICK_S),
+        )
+        self._recording.set_log_time_enabled(False)
+        self._recording.set_log_tick_enabled(False)
+        self._objects = ObjectLog(self._recording, self._rig, self._config, self._survey)
+        self._cameras = CameraLog(self._recording, self._config, self._decode)
+        self._stream: RerunStream | RerunViewer
+        self._stream = RerunViewer(self._recording) if file is None else RerunStream(self._recording, file, self.path)
+        resources.callback(lambda: self._stream.discard())  # does nothing after `finish`
+        title = ", ".join(known["name"] for known in self._provenance.inputs)
+        self._recording.send_recording_name(visible(title) or "lidcam")
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        with output_errors(self._path):
-            self._resources.__exit__(kind, error, trace)
-
-    def _end(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Complete the recording, or discard it if there was an error."""
-        if kind is not None:
-            self._stream.discard()
-            return
-        try:
-            if not self._is_placed and self._survey.frames:
-                self._place_eye()
-            self._log_warnings()
-            self._log_truth(self._truth_times.rest(), is_last=True)
-            self._stream.finish()
-        except BaseException:
-            self._stream.discard()
-            raise
+    def _finish(self) -> None:
+        if not self._is_placed and self._survey.frames:
+            self._place_eye()
+        self._log_warnings()
+        self._log_truth(self._truth_times.rest(), is_last=True)
+        self._stream.finish()
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
         """Log one frame.
@@ -149,7 +122,7 @@ class RerunResultWriter:
         Returns:
             Images that cannot be decoded.
         """
-        with output_errors(self._path):
+        with output_errors(self.path):
             self._stream.check()
         if self._first is None:
             self._first = result.bundle.index, result.bundle.stamp_ns
@@ -164,18 +137,19 @@ class RerunResultWriter:
         self._log_motion(result)
         if self._config.output.clouds:
             self._log_clouds(result)
-        self._objects.log(result)
+        drawn = DrawnObjects.of(result, self._config.object_names)
+        self._objects.log(drawn)
         drops: list[Drop] = []
         edges = object_edges(result, [camera.name for camera in self._rig.cameras])
         for camera in self._rig.cameras:
-            drops += self._cameras.log(camera, result, edges[camera.name])
+            drops += self._cameras.log(camera, drawn, edges[camera.name])
         self._recording.log("metrics/objects", rr.Scalars(float(len(result.fused.objects))))
         self._recording.log("metrics/confirmed", rr.Scalars(float((result.fused.matched > 0).sum())))
         self._recording.log("metrics/skew_ms", rr.Scalars(result.bundle.skew_ns / 1e6))
         for drop in (*result.drops, *drops):
             text = ": ".join(filter(None, (drop.topic, drop.reason, drop.detail)))
             self._recording.log(f"{LOG}/dropped", rr.TextLog(text, level=rr.TextLogLevel.WARN))
-        with output_errors(self._path):
+        with output_errors(self.path):
             self._bound_memory()
         return tuple(drops)
 
@@ -184,7 +158,7 @@ class RerunResultWriter:
         if self._first is None:
             return
         self._set_time(*self._first)
-        for warning in json.loads(self._provenance.account()).get("warnings", ()):
+        for warning in json.loads(self._provenance.summary()).get("warnings", ()):
             text = f"{warning['subject']}: {warning['finding']}; {warning['remedy']}"
             self._recording.log(f"{LOG}/run", rr.TextLog(text, level=rr.TextLogLevel.WARN))
 

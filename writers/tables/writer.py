@@ -4,15 +4,14 @@ Both have the columns of `Objects.columns`. Equal results give equal bytes; thos
 version of pyarrow, too.
 """
 
-from abc import ABC, abstractmethod
-from contextlib import ExitStack, suppress
-from types import TracebackType
-from typing import Self
+from abc import abstractmethod
+from contextlib import ExitStack
 
 from lidcam.pipeline.core.arrays import join_rows
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.messages import Drop
 from lidcam.pipeline.core.rig import Rig
+from lidcam.writers.base import ResultWriter
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.transaction import OutputFile
 from lidcam.writers.provenance import Provenance
@@ -26,45 +25,20 @@ GROUP_ROWS = 1 << 16
 """Rows of a row group: about 15 MB of them wait in memory."""
 
 
-class _ObjectsWriter(ABC):
-    """What the writers have in common; a `lidcam.writers.base.ResultWriter`."""
-
-    name: str
+class _ObjectsWriter(ResultWriter):
+    """What the writers have in common."""
 
     def __init__(self, output: OutputFile, rig: Rig, class_names: tuple[str, ...]) -> None:
-        self._output, self._rig, self._class_names = output, rig, class_names
-        self._resources = ExitStack()
-
-    def __enter__(self) -> Self:
-        with output_errors(self._output.path), ExitStack() as resources:
-            self._open(resources)
-            self._resources = resources.pop_all()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is not None:
-            with suppress(OSError):  # what is written is discarded
-                self._resources.close()
-            return
-        with output_errors(self._output.path), self._resources:
-            self._finish()
+        self.path, self._output, self._rig, self._class_names = output.path, output, rig, class_names
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
         """Write the objects of one frame; nothing of it can be unfit."""
-        with output_errors(self._output.path):
+        with output_errors(self.path):
             self._add(Objects.of_frame(result, self._rig, self._class_names))
         return ()
 
     @abstractmethod
-    def _open(self, resources: ExitStack) -> None: ...
-
-    @abstractmethod
     def _add(self, objects: Objects) -> None: ...
-
-    @abstractmethod
-    def _finish(self) -> None: ...
 
 
 class CsvObjectsWriter(_ObjectsWriter):
@@ -78,9 +52,6 @@ class CsvObjectsWriter(_ObjectsWriter):
 
     def _add(self, objects: Objects) -> None:
         write_rows(self._file, objects.columns)
-
-    def _finish(self) -> None:
-        """Nothing waits."""
 
 
 class ParquetObjectsWriter(_ObjectsWriter):

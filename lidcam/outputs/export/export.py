@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lidcam.evaluation.evaluate import Progress, not_shown
-from lidcam.outputs.export.formats import FORMATS, ExportOptions
-from lidcam.outputs.export.scene import ResultScene
+from lidcam.outputs.export.scene import ExportOptions, ResultScene
+from lidcam.outputs.registry import DATASETS, DatasetFormat, loaded
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.readers.results.result import open_result
 from lidcam.run.missing import damage_lines
+from lidcam.writers.datasets.frame import DatasetWriter
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.transaction import OutputFile
 
@@ -39,7 +40,7 @@ class Exported:
 def export_results(
     results: Sequence[Path],
     output: OutputFile,
-    format_name: str,
+    format_name: DatasetFormat,
     options: ExportOptions = DEFAULT,
     show: Progress = not_shown,
 ) -> Exported:
@@ -48,7 +49,7 @@ def export_results(
     Args:
         results: Files that `lidcam process` wrote, one scene each, with different names.
         output: The new folder.
-        format_name: One of `FORMATS`.
+        format_name: One of `DATASETS`.
         options: What to write of them.
         show: Shows the progress.
 
@@ -60,7 +61,7 @@ def export_results(
         raise OutputError(f"expected results of different names, found two called {same}")
     with output_errors(output.path):
         output.part.mkdir()
-        writer = FORMATS[format_name](output.part, options)
+        writer: DatasetWriter = loaded(DATASETS[format_name])(output.part, options.camera)
     remarks, incomplete, frames, objects, true_objects = list[str](), list[str](), 0, 0, list[int]()
     for path in results:
         with ExitStack() as stack:

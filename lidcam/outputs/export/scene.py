@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 import numpy as np
@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.notebook.loaded import load_result
-from lidcam.outputs.export.formats import ExportOptions
 from lidcam.pipeline.core.arrays import F64, I32, Bools, join_rows
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import MessageError, RecordingError
@@ -20,6 +19,7 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.tracks import NO_TRACK
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, TruthBoxes3D
 from lidcam.pipeline.evaluation.ignoring import is_evaluated
+from lidcam.readers.location import Location
 from lidcam.readers.messages.image import decode_any_image
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 from lidcam.readers.results.result import SOURCE_TOPICS, Result
@@ -37,6 +37,23 @@ from lidcam.writers.tables.objects import Objects
 
 CLOUD, GROUND = "/point_cloud_combined", "/ground_cloud"
 FUSED = SOURCE_TOPICS["fused"]
+
+
+@dataclass(frozen=True, slots=True)
+class ExportOptions:
+    """What is exported.
+
+    Attributes:
+        confirmed: Whether only objects that a camera confirms are.
+        every: Step between exported frames.
+        camera: Name of the camera where a format has one; empty: the first with images.
+        truth: Recordings or labels with the truth; empty: the truth in the result.
+    """
+
+    confirmed: bool = False
+    every: int = 1
+    camera: str = ""
+    truth: tuple[Location, ...] = ()
 
 
 class ResultScene:
@@ -61,7 +78,7 @@ class ResultScene:
     ) -> None:
         self._result, self._writer, self._options, self._format = result, writer, options, format_name
         recorded = {info.topic for info in result.recording.topics if info.message_count}
-        if CLOUD not in recorded and writer.needs_clouds:
+        if CLOUD not in recorded:
             raise RecordingError(
                 f"{result.path}: {format_name} needs clouds ({CLOUD}), found none: process the recording again with "
                 "output.clouds=true"
@@ -213,10 +230,8 @@ def _boxes(objects: Objects) -> DatasetBoxes:
     )
 
 
-def _names(config: Config, known: Mapping[str, str] | None) -> npt.NDArray[np.str_]:
+def _names(config: Config, known: Mapping[str, str]) -> npt.NDArray[np.str_]:
     """(N,) str, the format's name of each class of objects, by the class's name or its other names; empty without."""
-    if known is None:
-        return np.array(config.object_names, np.str_)
     labels = {prior.name: (prior.name, *prior.labels) for prior in config.classes}
     words = [[word.lower() for word in labels.get(name, (name,))] for name in config.object_names]
     return np.array([next((known[word] for word in one if word in known), "") for one in words], np.str_)

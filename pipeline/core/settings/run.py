@@ -37,10 +37,6 @@ class OutputConfig(SettingsModel):
         compression: Compression of the MCAP chunks.
         copy_topics: Topics of the recording that are copied to the output as they are, as patterns like
             `/ground_truth/*`; null: the topics of the truth, so that the result can be evaluated by itself.
-        object_cloud_points: Largest number of points in the cloud of one object (`--objects-clouds`); its voxels grow
-            as needed.
-        waiting_cloud_points: Largest number of points of all these clouds in memory, 20 bytes each; the others wait in
-            their files.
     """
 
     images: bool = True
@@ -49,8 +45,6 @@ class OutputConfig(SettingsModel):
     layout: bool = True
     compression: Literal["none", "lz4", "zstd"] = "lz4"
     copy_topics: tuple[str, ...] | None = None
-    object_cloud_points: Count = 20_000
-    waiting_cloud_points: Count = 2_000_000
 
 
 class RunConfig(SettingsModel):

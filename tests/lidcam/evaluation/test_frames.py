@@ -26,8 +26,8 @@ from lidcam.writers.mcap.writer import McapResultWriter
 from lidcam.writers.outputs.transaction import OutputFile
 
 
-def result_file(path: Path, frames: Sequence[FrameResult], account: str = "{}") -> Path:
-    provenance = replace(PROVENANCE, config_yaml=dump_config(CONFIG), rig_yaml=rig_yaml(RIG), account=lambda: account)
+def result_file(path: Path, frames: Sequence[FrameResult], summary: str = "{}") -> Path:
+    provenance = replace(PROVENANCE, config_yaml=dump_config(CONFIG), rig_yaml=rig_yaml(RIG), summary=lambda: summary)
     with McapResultWriter(OutputFile(path, path), RIG, CONFIG, provenance) as writer:
         for one in frames:
             writer.write(one)
@@ -63,8 +63,8 @@ def shown_in(one: EvaluationFrame, camera: str = "left") -> TruthBoxes2D:
 def test_sensors_whose_motion_only_the_clouds_tell_have_no_place(
     topics: list[str], is_adrift: bool, tmp_path: Path
 ) -> None:
-    account = json.dumps({"motion": {"topics": topics, "frames_from_clouds": 2}})
-    result = result_file(tmp_path / "out.mcap", [frame(index) for index in range(3)], account)
+    summary = json.dumps({"motion": {"topics": topics, "frames_from_clouds": 2}})
+    result = result_file(tmp_path / "out.mcap", [frame(index) for index in range(3)], summary)
     frames, of = compared(result, truth_file(tmp_path / "truth.mcap", cars()))
     assert [one.T_fixed_site is None for one in frames] == [is_adrift] * 3
     assert ("no speeds are compared: the sensors move, and where to is not recorded" in of.notes) == is_adrift

@@ -17,24 +17,16 @@ from lidcam.bags.simulator.recorder.files import RecordingFormat, recording_file
 from lidcam.bags.simulator.recorder.messages import MessageFactory
 from lidcam.cli.inspect import inspect as run_inspect
 from lidcam.outputs.allowed import REPAIRED, SIMULATED, TEXT, check_no_input, check_replaced
-from lidcam.outputs.kinds import MATCHES, OUTPUTS
+from lidcam.outputs.registry import OUTPUTS, loaded
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.writers.outputs.marks import is_unchanged_text, marked_json, marked_yaml
 
-OWN = {
-    "mcap": OUTPUTS[".mcap"].is_result,
-    "rrd": OUTPUTS[".rrd"].is_result,
-    "csv": OUTPUTS[".csv"].is_result,
-    "parquet": OUTPUTS[".parquet"].is_result,
-    "clouds": OUTPUTS[""].is_result,
-    "mp4": OUTPUTS[".mp4"].is_result,
-    "pictures": OUTPUTS[MATCHES].is_result,
+OWN = {output.name: loaded(output.is_own) for output in OUTPUTS if output.is_own} | {
     "repaired": REPAIRED.is_own,
     "simulated": SIMULATED.is_own,
     "text": TEXT.is_own,
 }
-PCD = b"# .PCD v0.7 - Point Cloud Data file format\n# lidcam.object_cloud {}\n"
 JPEG = b"\xff\xd8\xff\xe0" + bytes(16) + b"\xff\xfe\x00\x14lidcam.matches {}"
 REFUSED = "choose another name, or replace it with --overwrite"
 
@@ -76,11 +68,10 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     recorded(folder / "rec.mcap")
     write_rosbag1(folder / "rec.bag", [raw("/a", "std_msgs/msg/String", {"data": "x"}, 1, encoding="ros1")])
     write_rosbag2(folder / "rec", clouds())
-    outputs = [folder / f"out.{kind}" for kind in ("mcap", "rrd", "csv", "parquet", "mp4")]
-    lidcam.process(folder / "rec.mcap", [*outputs, folder / "out"], settings=[CLUSTERS])
+    outputs = [folder / f"out.{kind}" for kind in ("mcap", "rrd", "csv", "parquet", "mp4", "html")]
+    lidcam.process(folder / "rec.mcap", outputs, settings=[CLUSTERS])
     (folder / "pictures").mkdir()
     (folder / "pictures" / "frame_000000_cam.jpg").write_bytes(JPEG)
-    (folder / "out" / "track_0001_car.pcd").write_bytes(PCD)
     inspect(folder / "rec.mcap", repair=folder / "repaired.mcap", write_rig=folder / "rig.yaml")
     for name, format in (("sim.bag", "ros1"), ("sim", "sqlite3"), ("sim.mcap", "mcap")):
         simulate(folder / name, format)  # type: ignore[arg-type]
@@ -90,13 +81,13 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("name", "made"),
     [
-        ("out.mcap", "mcap"),
-        ("out.rrd", "rrd"),
-        ("out.csv", "csv"),
-        ("out.parquet", "parquet"),
-        ("out", "clouds"),
-        ("out.mp4", "mp4"),
-        ("pictures", "pictures"),
+        ("out.mcap", "Foxglove"),
+        ("out.rrd", "Rerun"),
+        ("out.csv", "CSV"),
+        ("out.parquet", "Parquet"),
+        ("out.mp4", "Film"),
+        ("out.html", "Report"),
+        ("pictures", "Pictures"),
         ("out.foxglove.json", "text"),
         ("repaired.mcap", "repaired"),
         ("rig.yaml", "text"),
@@ -142,7 +133,7 @@ def test_what_only_looks_like_it_is_not_lidcam_s(results: Path, tmp_path: Path) 
     (tmp_path / "sim" / "sim.db3-wal").touch()
     assert recognised(tmp_path / "sim") == []
     (tmp_path / "empty").mkdir()
-    assert recognised(tmp_path / "empty") == ["clouds", "pictures"]  # nothing is lost with it
+    assert recognised(tmp_path / "empty") == ["Pictures"]  # nothing is lost with it
     for library in ("lidcam", "another"):
         with (tmp_path / library).open("wb") as file:
             writer = Writer(file)
@@ -241,26 +232,17 @@ def test_what_a_killed_run_left_can_be_repaired_and_is_not_removed(tmp_path: Pat
     assert left.read_bytes() == before
 
 
-@pytest.mark.parametrize("foreign", ["notes.txt", "folder", "link.pcd", "other.pcd"])
+@pytest.mark.parametrize("foreign", ["notes.txt", "folder", "link.jpg", "other.jpg"])
 def test_a_folder_with_anything_else_is_never_replaced(results: Path, tmp_path: Path, foreign: str) -> None:
-    out = tmp_path / "out"
-    shutil.copytree(results / "out", out)
-    lidcam.process(results / "rec.mcap", out, settings=[CLUSTERS])
-    assert [*out.iterdir()] == []
-    (out / "track_0001_car.pcd").write_bytes(PCD)
+    out = shutil.copytree(results / "pictures", tmp_path / "pictures")
     if foreign == "folder":
         (out / foreign).mkdir()
-    elif foreign == "link.pcd":
-        (out / foreign).symlink_to("track_0001_car.pcd")
+    elif foreign == "link.jpg":
+        (out / foreign).symlink_to("frame_000000_cam.jpg")
     else:
-        (out / foreign).write_bytes(PCD[:50])
+        (out / foreign).write_bytes(JPEG[:20])
+    before = sorted(out.iterdir())
     for overwrite in (False, True):
-        with pytest.raises(OutputError, match=r"holds more than the clouds of an earlier run; choose another name$"):
-            lidcam.process(results / "rec.mcap", out, overwrite=overwrite)
-    assert {path.name for path in out.iterdir()} == {"track_0001_car.pcd", foreign}
-
-
-def test_clouds_of_objects_need_tracks(results: Path, tmp_path: Path) -> None:
-    with pytest.raises(lidcam.ConfigError, match="out: clouds of objects need tracks"):
-        lidcam.process(results / "rec.mcap", tmp_path / "out", settings={"track.mode": "none"})
-    assert [*tmp_path.iterdir()] == []
+        with pytest.raises(OutputError, match=r"holds more than the pictures of an earlier run; choose another name$"):
+            lidcam.process(results / "rec.mcap", save_matches=out, overwrite=overwrite)
+    assert sorted(out.iterdir()) == before

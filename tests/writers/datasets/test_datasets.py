@@ -25,7 +25,6 @@ from lidcam.writers.datasets.frame import (
 )
 from lidcam.writers.datasets.kitti import KittiTrackingWriter, KittiWriter
 from lidcam.writers.datasets.nuscenes import VERSION, NuScenesWriter
-from lidcam.writers.datasets.openlabel import OpenLabelWriter
 
 STAMP_NS = 1_700_000_000_123_456_789
 K = np.array([[300.0, 0, 320], [0, 300, 240], [0, 0, 1]])
@@ -157,7 +156,7 @@ def test_kitti_tracking_numbers_true_objects_from_0(tmp_path: Path) -> None:
     assert [one.track_id for one in labels.labels] == [0, 1, 0, 1]
 
 
-@pytest.mark.parametrize("make", [NuScenesWriter, OpenLabelWriter, KittiWriter, KittiTrackingWriter])
+@pytest.mark.parametrize("make", [NuScenesWriter, KittiWriter, KittiTrackingWriter])
 def test_the_same_frames_give_the_same_bytes(tmp_path: Path, make: Callable[[Path], DatasetWriter]) -> None:
     contents = []
     for name in ("a", "b"):

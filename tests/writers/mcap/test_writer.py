@@ -158,7 +158,7 @@ def test_provenance(two_frames: Path) -> None:
     assert {name: a.data for name, a in attachments.items()} == {
         "lidcam.yaml": b"fuse: {}\n",
         "rig.yaml": b"site_frame: site\n",
-        "account.json": b"{}",
+        "summary.json": b"{}",
     }
     assert {(a.create_time, a.log_time) for a in attachments.values()} == {(START_NS, START_NS)}
 

@@ -150,8 +150,8 @@ def test_equal_results_give_equal_data(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def test_warnings_and_drops_are_text(tmp_path: Path) -> None:
-    account = '{"warnings": [{"subject": "left", "finding": "no boxes", "remedy": "look there"}]}'
-    provenance = replace(PROVENANCE, account=lambda: account)
+    summary = '{"warnings": [{"subject": "left", "finding": "no boxes", "remedy": "look there"}]}'
+    provenance = replace(PROVENANCE, summary=lambda: summary)
     drop = Drop("/right/image", 1, "cannot be decoded", "12 bytes")
     write(tmp_path / "out.rrd", [frame(0), frame(1, drops=(drop,))], provenance=provenance)
     text = printed(tmp_path, "-vvv")

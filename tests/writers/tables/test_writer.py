@@ -17,7 +17,7 @@ from frames import CONFIG, PROVENANCE, RIG, frame
 from pyarrow import parquet
 from tracked_frames import Seen, tracked_frame
 
-from lidcam.outputs.allowed import is_marked_csv, is_marked_parquet
+from lidcam.outputs.allowed import is_own_csv, is_own_parquet
 from lidcam.pipeline.core.arrays import join_rows
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.frame import FrameResult
@@ -124,7 +124,7 @@ def test_rows_leave_memory_in_groups(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_own_tables_are_known_and_others_are_not(tmp_path: Path, kind: str) -> None:
-    is_own = {"csv": is_marked_csv, "parquet": is_marked_parquet}[kind]
+    is_own = {"csv": is_own_csv, "parquet": is_own_parquet}[kind]
     own, other = tmp_path / f"own.{kind}", tmp_path / f"other.{kind}"
     written(own, FRAMES)
     table = pd.DataFrame({"frame": [1], "stamp_ns": [2]})

@@ -1,4 +1,4 @@
-"""What a page says of a result, with what to do; and that nothing recorded gets into its HTML."""
+"""The content of a page about a result, with what to do; and that nothing recorded gets into its HTML."""
 
 from dataclasses import replace
 from typing import Any
@@ -11,9 +11,8 @@ from frames import CONFIG, RIG
 from lidcam.outputs.report import sections
 from lidcam.pipeline.evaluation.evaluation_frame import Motion, SourceBoxes
 from lidcam.run.warning import RunWarning
-from lidcam.writers.report import html
 from lidcam.writers.report.collector import ReportCollector
-from lidcam.writers.report.page import page
+from lidcam.writers.report.page import PageTable, page
 
 HOSTILE = "<script>alert(1)</script>"
 WARNING = RunWarning("cam0", "silent throughout", "check its driver")
@@ -37,17 +36,21 @@ ONE = tracked((1.0, 2.0), numbers=[4])
 
 
 @pytest.mark.parametrize(
-    ("account", "warnings", "said"),
+    ("summary", "warnings", "said"),
     [
-        ({}, [], "kept no account"),
-        ({"frames": 1}, [], "Nothing doubtful"),
-        ({"frames": 1}, [WARNING], "1 thing to look at"),
-        ({"frames": 1}, [WARNING], "check its driver"),
-        ({"frames": 1, "incomplete": ["cam1 is left out"]}, [WARNING], "2 things to look at"),
+        ({}, [], []),
+        ({"frames": 1}, [WARNING], [("cam0", "silent throughout", "check its driver")]),
+        (
+            {"incomplete": ["cam1 is left out"]},
+            [WARNING],
+            [("cam0", "silent throughout", "check its driver"), ("not used", "cam1 is left out", "")],
+        ),
     ],
 )
-def test_doubts_are_said_with_what_to_do(account: dict[str, Any], warnings: list[RunWarning], said: str) -> None:
-    assert said in sections.doubts(seen_of(ONE), account, warnings, "0.1.0")
+def test_doubts_are_said_with_what_to_do(
+    summary: dict[str, Any], warnings: list[RunWarning], said: list[tuple[str, str, str]]
+) -> None:
+    assert sections.doubts(seen_of(ONE), summary, warnings) == said
 
 
 def test_ways_are_drawn_from_the_sensors_where_they_move_nobody_knows_where_to() -> None:
@@ -57,31 +60,32 @@ def test_ways_are_drawn_from_the_sensors_where_they_move_nobody_knows_where_to()
     adrift.add(nowhere)
     assert (unknown.poses_known, unknown.is_tracked) == (0, False)
     assert (adrift.poses_known, adrift.is_tracked, adrift.travelled_m) == (1, True, 0)
-    assert "1 road user" in sections.verdict("out.mcap", adrift, NAMES)
+    assert "1 road user" in sections.lead(adrift, NAMES)
 
 
 def test_a_result_without_objects_says_what_to_try() -> None:
     nothing = seen_of(tracked(numbers=[]), tracked(numbers=[]))
-    assert "Nothing was found in 0.1 s." in sections.verdict("out.mcap", nothing, NAMES)
-    assert "lidcam inspect RECORDING --check" in sections.doubts(nothing, {"frames": 2}, [], "0.1.0")
+    assert "Nothing was found in 0.1 s." in sections.lead(nothing, NAMES)
+    assert "lidcam inspect RECORDING --check" in sections.doubts(nothing, {"frames": 2}, [])[0][2]
 
 
 def test_road_users_count_once() -> None:
     seen = seen_of(ONE, ONE, tracked((1.0, 2.0), (50.0, 50.0), numbers=[4, 9]))
-    told = sections.verdict("out.mcap", seen, NAMES)
-    assert "2 road users in 0.2 s: 2 \u00d7 car." in told
-    assert "4.2 m/s" in told
+    assert sections.lead(seen, NAMES) == "2 road users in 0.2 s: 2 \u00d7 car."
+    ((name, number, *_, fastest),) = sections.counts(seen, NAMES).rows
+    assert "car" in str(name)
+    assert (number, fastest) == (2, "4.2 m/s")
 
 
 def test_nobody_is_counted_without_tracks() -> None:
     seen = seen_of(source_boxes([(1.0, 2.0, 0.75, 4.0, 1.7, 1.5, 0.0)]))
-    assert "They were not tracked" in sections.verdict("out.mcap", seen, NAMES)
+    assert "They were not tracked" in sections.lead(seen, NAMES)
     assert not seen.is_tracked
 
 
 def test_what_was_dropped_is_listed_faults_first() -> None:
     drop = {"unit": "messages", "example": "", "is_defect": False}
-    account = {
+    summary = {
         "drops": [
             {"topic": "/a", "reason": "no partner", "count": 2, **drop},
             {"topic": "/b", "reason": "cannot be decoded", "count": 1, **drop, "is_defect": True, "example": HOSTILE},
@@ -99,17 +103,33 @@ def test_what_was_dropped_is_listed_faults_first() -> None:
         "losses": [{"file": "a.bag", "messages": None, "reason": "cut"}],
         "notes": ["a note"],
     }
-    told = sections.dropped(account)
-    assert told.index("/b") < told.index("/a")
-    assert "the message is at fault: cannot be decoded" in told
-    assert "0.0 s to 1.5 s" in told
-    assert "slow" not in told  # its rate is among the sensors
-    assert all(words in told for words in ("/radar (3)", "unknown", "a note"))
-    assert HOSTILE not in told
-    assert not sections.dropped({})
+    found = {table.title: table for table in sections.dropped(summary)}
+    first, second = found["Dropped messages"].rows
+    assert (first[0], second[0]) == ("/b", "/a")
+    assert "the message is at fault: cannot be decoded" in str(first[2])
+    assert HOSTILE not in str(first[2])
+    assert found["Frames without a sensor"].rows == [["cam0", "9 of 20", "0.0 s to 1.5 s"]]  # not the slow one
+    assert found["Topics that were not used"].notes == ["/radar (3)"]
+    assert found["Damaged parts"].rows == [["a.bag", "unknown", "cut"]]
+    assert found["Remarks"].notes == ["a note"]
+    assert not any(table.rows or table.notes for table in sections.dropped({}))
 
 
 def test_recorded_names_are_no_html() -> None:
-    content = html.table([HOSTILE], [[HOSTILE]]) + html.paragraph(HOSTILE) + html.section("a", HOSTILE, html.text("b"))
-    whole = page(HOSTILE, html.Raw(content), {"map": {"data": [{"name": HOSTILE}], "layout": {}}})
+    texts = "title result_name version lead rate against map_notes truth_note settings"
+    lists = "headlines origin_notes truth_tables residual_tables dropped_tables origin_tables worst"
+    table = PageTable([HOSTILE], [[HOSTILE]], title=HOSTILE, notes=[HOSTILE])
+    content: dict[str, Any] = dict.fromkeys(texts.split(), HOSTILE) | {name: [table] for name in lists.split()}
+    content |= {"headlines": [HOSTILE], "origin_notes": [HOSTILE], "worst": [(HOSTILE, [(HOSTILE, HOSTILE)])]}
+    whole = page(
+        {"map": {"data": [{"name": HOSTILE}], "layout": {}}},
+        seen=seen_of(ONE),
+        counts=table,
+        movements=table,
+        doubts=[(HOSTILE, HOSTILE, HOSTILE)],
+        has_summary=True,
+        has_zones=True,
+        **content,
+    )
     assert HOSTILE not in whole
+    assert whole.count("alert(1)") > 20

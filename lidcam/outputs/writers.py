@@ -1,0 +1,131 @@
+"""Opens the writers of a run's outputs; the rows of `OUTPUTS` name these functions."""
+
+from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+
+from lidcam.pipeline.core.errors import ConfigError, OutputError, RecordingError
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.run.box_sources import box_source
+from lidcam.run.frames import RunInput
+from lidcam.run.job import Job
+from lidcam.writers.base import ResultWriter
+from lidcam.writers.foxglove.layout import layout_path
+from lidcam.writers.live.pace import Pace
+from lidcam.writers.mcap.writer import McapResultWriter
+from lidcam.writers.outputs.transaction import OutputFile, OutputTransaction
+from lidcam.writers.pictures.matches import MatchesWriter
+from lidcam.writers.pictures.scene import Scenes
+from lidcam.writers.provenance import Provenance
+from lidcam.writers.rerun.environment import without_rerun_variables
+from lidcam.writers.tables.writer import CsvObjectsWriter, ParquetObjectsWriter
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """What a writer is made of.
+
+    Attributes:
+        job: The run.
+        source: The open recording, its rig and settings.
+        provenance: Where the result comes from.
+        outputs: The locked outputs.
+        path: This output; of a view, its option.
+    """
+
+    job: Job
+    source: RunInput
+    provenance: Provenance
+    outputs: OutputTransaction
+    path: Path
+
+    @property
+    def file(self) -> OutputFile:
+        """The file or folder to write."""
+        return self.outputs[self.path]
+
+
+def open_mcap(opening: Opening) -> ResultWriter:
+    """The result."""
+    source, layout = opening.source, opening.outputs.get(layout_path(opening.path))
+    return McapResultWriter(
+        opening.file, source.rig, source.config, opening.provenance, layout, frames=source.truth_frames
+    )
+
+
+def open_rerun(opening: Opening) -> ResultWriter:
+    """The Rerun recording."""
+    return _rerun(opening, opening.file)
+
+
+def open_view(opening: Opening) -> ResultWriter:
+    """The Rerun viewer."""
+    return _rerun(opening, None)
+
+
+def _rerun(opening: Opening, output: OutputFile | None) -> ResultWriter:
+    with without_rerun_variables():
+        from lidcam.writers.rerun.writer import RerunResultWriter  # loads Rerun, which takes half a second
+
+    source = opening.source
+    decode = partial(decode_any_image, limits=source.config.limits)
+    return RerunResultWriter(output, source.rig, source.config, opening.provenance, decode_any_image=decode)
+
+
+def drawn_scenes(source: RunInput) -> Scenes:
+    """What gathers, over the frames of a run, what their pictures show."""
+    return Scenes(source.rig, source.config, partial(decode_any_image, limits=source.config.limits))
+
+
+def open_film(opening: Opening) -> ResultWriter:
+    """The film."""
+    try:
+        from lidcam.writers.pictures.film import FilmWriter
+    except ModuleNotFoundError as err:
+        raise OutputError(f"{opening.path}: a film needs PyAV: pip install 'lidcam[video]'") from err
+    _check_images(opening)
+    return FilmWriter(opening.file, drawn_scenes(opening.source), opening.provenance)
+
+
+def open_matches(opening: Opening) -> ResultWriter:
+    """The pictures of each camera."""
+    if not opening.source.rig.cameras:
+        raise RecordingError(f"{opening.path}: pictures of matches need cameras: no camera of the recording is used")
+    _check_images(opening)
+    return MatchesWriter(opening.file, drawn_scenes(opening.source), opening.provenance)
+
+
+def _check_images(opening: Opening) -> None:
+    rig, config = opening.source.rig, opening.source.config
+    if rig.cameras and not config.output.images and box_source(config, rig) != "onnx":
+        raise ConfigError(f"{opening.path}: needs images: set output.images=true")
+
+
+def open_csv(opening: Opening) -> ResultWriter:
+    """The table of objects as CSV."""
+    return CsvObjectsWriter(opening.file, opening.source.rig, opening.source.config.object_names)
+
+
+def open_parquet(opening: Opening) -> ResultWriter:
+    """The table of objects as Parquet."""
+    names = opening.source.config.object_names
+    return ParquetObjectsWriter(opening.file, opening.source.rig, names, opening.provenance)
+
+
+def open_pace(opening: Opening) -> ResultWriter:
+    """What holds the run back for those who watch."""
+    assert opening.job.pace is not None
+    return Pace(opening.job.pace)
+
+
+def open_foxglove(opening: Opening) -> ResultWriter:
+    """The server of frames over Foxglove's protocol."""
+    if find_spec("foxglove") is None:
+        raise OutputError("--foxglove needs foxglove-sdk, which is not installed: pip install 'lidcam[foxglove]'")
+    from lidcam.writers.live.server import FoxgloveServer  # an extra
+
+    assert opening.job.foxglove is not None
+    title = ", ".join(known["name"] for known in opening.provenance.inputs) or "lidcam"
+    source = opening.source
+    return FoxgloveServer(*opening.job.foxglove, title, source.rig, source.config, frames=source.truth_frames)

@@ -1,1 +1,0 @@
-"""Clouds of tracked objects, one file each."""
