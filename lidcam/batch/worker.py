@@ -25,7 +25,9 @@ def run_task(task: Task) -> JobRecord:
     """Run a job in this process."""
     try:
         with sent_when_complete(task.outputs, task.job.inputs, overwrite=task.job.overwrite) as sending:
-            report = sending.send(process_recording(replace(task.job, outputs=(*sending.local, *task.job.outputs)), _Frozen()))
+            report = sending.send(
+                process_recording(replace(task.job, outputs=(*sending.local, *task.job.outputs)), _Frozen())
+            )
     except Exception as err:
         line = error_line(err) or f"{type(err).__name__}: {one_line(err)}"
         return replace(task.record, state="failed", exit_code=1, message=line)

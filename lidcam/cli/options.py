@@ -11,7 +11,6 @@ from typing import Annotated, Any, Literal, TypeVar
 import typer
 
 from lidcam.cli.printing.log import Verbosity, configure_logging
-from lidcam.outputs.registry import endings_of
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.run.options import JobOptions, attribute_docs
 
@@ -49,10 +48,9 @@ def ends_in(*endings: str) -> Callable[[T | None], T | None]:
     return check
 
 
-def output_option(option: str, text: str) -> Any:
-    """An option of `lidcam process` that names an output (`lidcam.outputs.registry`)."""
-    endings = endings_of(option)
-    return typer.Option(option, metavar="|".join(f"OUT{one}" for one in endings), callback=ends_in(*endings), help=text)
+def output_option(text: str, *endings: str, name: str = "OUT") -> Any:
+    """An option that names an output with one of these endings."""
+    return typer.Option(metavar="|".join(f"{name}{one}" for one in endings), callback=ends_in(*endings), help=text)
 
 
 @contextmanager

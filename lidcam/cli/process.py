@@ -21,6 +21,7 @@ from lidcam.cli.options import (
 from lidcam.cli.printing.compiling import compiled_together
 from lidcam.cli.printing.log import is_verbose, remark_log
 from lidcam.cli.verdict import Verdict, strict_failure
+from lidcam.outputs.registry import endings_of
 from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from lidcam.readers.location import location
 from lidcam.run.options import JobOptions
@@ -62,14 +63,17 @@ def process(
             "may be s3://.",
         ),
     ],
-    rerun: Annotated[str | None, output_option("--rerun", "Also write a Rerun recording.")] = None,
+    rerun: Annotated[str | None, output_option("Also write a Rerun recording.", *endings_of("--rerun"))] = None,
     objects: Annotated[
-        str | None, output_option("--objects", "Also write a table of the objects, one row per object and frame.")
+        str | None,
+        output_option("Also write a table of the objects, one row per object and frame.", *endings_of("--objects")),
     ] = None,
-    report: Annotated[str | None, output_option("--report", "Also write a page about the result.")] = None,
+    report: Annotated[str | None, output_option("Also write a page about the result.", *endings_of("--report"))] = None,
     video: Annotated[
         str | None,
-        output_option("--video", "Also write a film of all cameras and the site from above (extra video)."),
+        output_option(
+            "Also write a film of all cameras and the site from above (extra video).", *endings_of("--video")
+        ),
     ] = None,
     print_detections: Annotated[
         bool, typer.Option("--print-detections", help="Print each frame's detections by sensor, and the fused objects.")
