@@ -9,7 +9,7 @@
 # make golden   write the golden results anew, after a change that is meant
 # make samples  record the sample recordings in bags/ anew
 # make bench    docs/performance.md anew: speed beside other programs, and memory
-# make numbers  docs/numbers.md anew: how good the results are on simulated recordings
+# make numbers  docs/numbers.md and docs/research/numbers.md anew: how good the results are on simulated recordings
 # make site     the documentation as a site, into out/site
 # Each installs what it needs into .venv the first time, and only then: the demo lidcam alone, the others all extras and the tools of tests, too.
 # make locks docs/licences.md    after a change of dependencies: constraints*.txt anew (needs uv; UPGRADE=--upgrade takes newer versions), the page of licences

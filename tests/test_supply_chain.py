@@ -103,8 +103,8 @@ def test_nothing_that_is_read_is_executed() -> None:
                 assert "allow_pickle=True" not in call, path
                 assert not call.startswith("torch.load") or "weights_only=True" in call, path
             found |= {(path.name, name) for name in names if name.split(".")[0] in EXECUTING}
-    # What it unpickles comes from a process that it has started, over a socket that no other has.
-    assert found == {("transfer.py", "pickle")}
+    # What is unpickled comes from processes that lidcam has started, over sockets and files that no other has.
+    assert found == {(name, "pickle") for name in ("transfer.py", "local.py", "ray.py", "worker.py")}
 
 
 def test_the_image_is_of_checked_wheels_and_has_no_root() -> None:

@@ -1,4 +1,4 @@
-"""Writes docs/numbers.md: how good lidcam is on simulated recordings, class by class and source by source.
+"""Writes docs/numbers.md and docs/research/numbers.md: how good lidcam is on simulated recordings, by class and source.
 
     python benchmarks/measured/numbers_page.py [--scenario NAME] [--folder out/numbers]
 
@@ -21,29 +21,36 @@ from tracks_table import measured_tracks, tracks_table
 from lidcam.cli.printing.numbers import NONE, number, percent, share, signed
 from lidcam.readers.results.result import open_result
 
-PAGE = ROOT / "docs" / "numbers.md"
+PAGE, DETAILS_PAGE = ROOT / "docs" / "numbers.md", ROOT / "docs" / "research" / "numbers.md"
 Tree = Mapping[str, Any]
 
 HEAD = """# Numbers
 
 How good lidcam is today, on simulated recordings whose truth is exact. `make numbers` writes this page anew: it
 simulates, processes with the settings that lidcam chooses itself, and evaluates. [figures.md](figures.md) defines every
-figure, [evaluation.md](evaluation.md) says how to get them for your own recordings. These are scenes of a simulator,
-with a simulated 2D detector: they show what changes from one version to the next, not what you will get. The recordings
-stay in `out/numbers/`: process one of them with `--report FILE.html` to see the worst errors as images.
+figure, [evaluation.md](evaluation.md) says how to get them for your own recordings, and
+[research/numbers.md](research/numbers.md) has the other figures, and tracks. These are scenes of a simulator, with a
+simulated 2D detector: they show what changes from one version to the next, not what you will get. The recordings stay
+in `out/numbers/`: process one of them with `--report FILE.html` to see the worst errors as images.
 
 - *lidar*: what the lidars alone find. *cameras*: what the cameras alone place in 3D. *fused*: the result.
-- *AP bev*, *AP 3D*: average precision at an IoU of 0.5, 40 recall points. *mAP*: by distance of the centres, with
-  thresholds scaled by the length of the class. *recall*, *precision*, *F1* (their harmonic mean), *false* (boxes a
-  frame): of all that is reported.
-- *position*, *95 %*: mean and 95th percentile of the error in metres, against where the object is at the frame's stamp;
-  *when measured*: the mean against where it was when the lidars saw it, up to 0.1 s later. *heading*: median error in
-  degrees, a turn by 180 degrees counted as right; *flips*: headings that are wrong by more than 90 degrees; *length*,
-  *width*: mean error in metres.
-- *ECE*: how far scores are from the share that is right.
+- *AP bev*: average precision at an IoU of 0.5, 40 recall points. *F1*: harmonic mean of recall and precision. *false*:
+  boxes a frame.
+- *position*: mean error in metres, against where the object is at the frame's stamp. *heading*: median error in
+  degrees, a turn by 180 degrees counted as right. *ECE*: expected calibration error of the scores.
 - *better*, *worse*, *open*: where the interval of 95 %, from resampled blocks of frames, lies above zero, below it, or
   on both sides. A gain is positive where fusion is better, of the position too. *position* compares means, which are
   those of what each found; *found by lidar, too* compares the objects that both found, one by one.
+"""
+
+DETAILS_HEAD = """# Numbers: measurements
+
+The figures of the recordings of [numbers.md](../numbers.md) that are not on that page.
+
+- *AP 3D*: at an IoU of 0.5. *mAP*: by distance of the centres, with thresholds scaled by the length of the class.
+- *95 %*: 95th percentile of the error in metres; *when measured*: the mean against where the object was when the
+  lidars saw it, up to 0.1 s later. *flips*: headings that are wrong by more than 90 degrees; *length*, *width*: mean
+  error in metres.
 - *Tracks*: *unfiltered* are the fused objects of each frame by itself. *AB3DMOT* (Weng et al., IROS
   2020, stated anew) filters them. *online* and *offline* are lidcam's own (`track.mode`).
   *position*, *yaw* (a turn by 180 degrees counted as right) and *speed* are roots of the mean square, in metres,
@@ -93,16 +100,17 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=ROOT / "out" / "numbers")
     options = parser.parse_args()
     if options.scenario:
-        print("\n".join(section(measured_run(options.scenario, options.folder))))
+        run = measured_run(options.scenario, options.folder)
+        print("\n".join([*section(run), *details(run)]))
         return
-    lines = [HEAD]
-    for scenario in SECONDS:
-        lines += section(measured_run(scenario, options.folder))
-    PAGE.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+    runs = [measured_run(scenario, options.folder) for scenario in SECONDS]
+    for page, head, lines_of in ((PAGE, HEAD, section), (DETAILS_PAGE, DETAILS_HEAD, details)):
+        lines = [head, *(line for run in runs for line in lines_of(run))]
+        page.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
 
 
 def section(run: MeasuredRun) -> Iterator[str]:
-    """The lines about one scenario."""
+    """The lines about one scenario: each sensor beside the fusion, and the gain."""
     figures = run.figures
     settings = (figures["settings"]["name"] or "the defaults").partition(",")[0]
     yield f"## {run.scenario}\n"
@@ -113,7 +121,12 @@ def section(run: MeasuredRun) -> Iterator[str]:
     yield from side_by_side(figures)
     yield "Is fusion better than the better single sensor?\n"
     yield from verdicts(figures)
-    yield "The rest of the figures:\n"
+
+
+def details(run: MeasuredRun) -> Iterator[str]:
+    """The other figures of one scenario."""
+    figures = run.figures
+    yield f"## {run.scenario}\n"
     yield from table(
         ["class", "source", "AP 3D", "mAP", "recall", "precision", "95 %", "when measured", "flips", "length", "width"],
         [_details(*one, run.when_measured["sources"][one[1]][one[0]]) for one in by_class(figures)],

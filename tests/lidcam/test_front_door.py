@@ -145,7 +145,7 @@ def test_examples_of_the_documents_run(page: Path, tmp_path: Path, short_drive: 
 @pytest.mark.parametrize(
     ("names", "fault"),
     [
-        (["out.txt"], "expected a name that ends in .mcap or .rrd or .csv or .parquet"),
+        (["out.txt"], "expected a name that ends in .mcap or .rrd or .parquet or .csv"),
         (["a.mcap", "./a.mcap"], "expected one output of a kind, found a.mcap, too"),
         ("s3://bucket/a.mcap", "expected the name of a local file"),
         (["a.mcap/a.mcap", "a.mcap"], "expected one output of a kind, found a.mcap/a.mcap, too"),

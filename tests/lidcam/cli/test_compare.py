@@ -182,10 +182,12 @@ def test_results_of_two_recordings_and_two_sites(compare: Any, result: Path, san
 
 
 def test_a_damaged_result_is_incomplete(compare: Any, result: Path, tmp_path: Path) -> None:
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes(result.read_bytes()[: result.stat().st_size // 2])
-    with pytest.raises(IncompleteError, match=r"cut.mcap: damaged, .* lost"):
-        compare(cut, cut)
+    content = bytearray(result.read_bytes())
+    content[len(content) // 2] ^= 0xFF  # in a chunk, which has a checksum
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(content)
+    with pytest.raises(IncompleteError, match=r"damaged.mcap: damaged, .* lost"):
+        compare(damaged, damaged)
 
 
 def test_every_kind_can_be_allowed() -> None:

@@ -2,6 +2,7 @@
 
 import json
 import re
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ import pytest
 from document_commands import ROOT
 from helpers import CLUSTERS
 from logging_state import kept_logging
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
 from perturbed_results import perturbed
 
 from lidcam.cli.evaluate import evaluate
@@ -148,11 +151,14 @@ def test_a_result_without_frames(result: Path, tmp_path: Path) -> None:
         evaluated(empty)
 
 
-def test_a_damaged_result_is_incomplete(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes(result.read_bytes()[:33_000])
-    with pytest.raises(IncompleteError, match=r"cut.mcap: damaged"):
-        evaluated(cut, as_json=True)
+def test_a_damaged_result_is_incomplete(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    content = bytearray((ROOT / "tests" / "golden" / "crossing.mcap").read_bytes())
+    _, last = (one for one in StreamReader(BytesIO(content), emit_chunks=True).records if isinstance(one, Chunk))
+    content[content.index(last.data)] ^= 0xFF  # it has a checksum
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(content)
+    with pytest.raises(IncompleteError, match=r"damaged.mcap: damaged"):
+        evaluated(damaged, as_json=True)
     tree = valid(capsys.readouterr().out)
     assert tree["exit_code"] == 3
 

@@ -63,7 +63,7 @@ def test_a_network_is_fetched_once_and_only_on_request(server: RangeServer, tmp_
     assert path.read_bytes() == server.files["/elsewhere.onnx"]
 
     asked = len(server.requests)
-    assert called(tmp_path, "fetch", NAME).err == f"{path} is there already\n"
+    assert called(tmp_path, "fetch", NAME).err == f"{path} already exists\n"
     used = process(tmp_path)
     assert used.code == 0, used.err
     with open_result(tmp_path / "out.mcap") as result:

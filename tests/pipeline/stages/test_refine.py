@@ -29,7 +29,7 @@ BOX_PRIOR = "lidcam.pipeline.fusion.refining.box_prior"
 def _exact_cuboids(monkeypatch: pytest.MonkeyPatch) -> None:
     """Objects that are cuboids of known size."""
     monkeypatch.setattr("lidcam.pipeline.stages.refine.rounded_outline", cuboids)
-    monkeypatch.setattr(f"{BOX_PRIOR}.MAX_SIZE_SHARE", 0.0)
+    monkeypatch.setattr(f"{BOX_PRIOR}.MAX_SIZE_SIGMA", 0.0)
     monkeypatch.setattr(f"{BOX_PRIOR}.HEADING_SIGMA_RAD", 0.0)
 
 

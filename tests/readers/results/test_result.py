@@ -227,16 +227,19 @@ def test_files_that_are_no_results(tmp_path: Path) -> None:
 
 
 def test_result_that_was_cut_off(path: Path, tmp_path: Path) -> None:
-    """Its beginning says what it is; what can still be read is read, and the loss is told."""
+    """Its beginning says what it is; whole chunks are read, and the loss is told."""
     content = path.read_bytes()
     with path.open("rb") as stream:
         chunks = [record for record in StreamReader(stream, emit_chunks=True).records if isinstance(record, Chunk)]
     cut = tmp_path / "cut.mcap"
-    cut.write_bytes(content[: content.index(chunks[-1].data) + len(chunks[-1].data) // 2])
+    whole = content.index(chunks[-1].data) + len(chunks[-1].data)
+    cut.write_bytes(content[:whole])
     with open_result(cut) as result:
-        found = list(result.frames())
-        assert any("cut.mcap: byte" in note for note in result.notes)
-    assert len(found) <= FRAMES
+        assert len(list(result.frames())) == FRAMES
+        assert any("cut.mcap" in note for note in result.notes)
+    cut.write_bytes(content[: whole - 100])  # its only chunk
+    with pytest.raises(RecordingError, match="cut.mcap: the file is damaged or was not closed"):
+        open_result(cut)
 
 
 def test_result_whose_index_is_damaged(path: Path, tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ def with_covariances(seed: int, count: int = 6) -> Boxes3D:
 @given(st.integers(0, 2**31), st.sampled_from([0.0, 0.15, 1.0]))
 @example(1436436, 0.0)  # the centre is known along the box better than the least variance of the length allows for
 def test_covariances_are_regular_whatever_the_boxes_say(seed: int, max_size_share: float) -> None:
-    with patch("lidcam.pipeline.fusion.refining.box_prior.MAX_SIZE_SHARE", max_size_share):
+    with patch("lidcam.pipeline.fusion.refining.box_prior.MAX_SIZE_SIGMA", max_size_share):
         prior = box_prior(with_covariances(seed), LIDARS, FuseConfig())
     scale = np.sqrt(np.einsum("nii->ni", prior.covariances))
     assert (np.linalg.eigvalsh(prior.covariances / scale[:, :, None] / scale[:, None]) > 0).all()
