@@ -23,24 +23,16 @@ STEP_BYTES = 1 << 22
 
 
 class InputFile(NamedTuple):
-    """An input file.
+    """An input file."""
 
-    Attributes:
-        path: As it was given, without credentials; a ROS 2 folder and a split recording are the files that they hold.
-        name: Name of the file.
-        bytes: Its size; None of a folder, and where a server does not say it.
-        sha256: Digest of its content, hexadecimal. None where it was not read as a whole: of a file on a server, and
-            where only a part was processed; and where it was changed while it was read.
-        server: Facts that the server gives: `size`, `etag`, `last_modified`.
-        is_changed: Whether it was changed while it was read.
-    """
-
-    path: str
-    name: str
-    bytes: int | None = None
+    path: str  # As it was given, without credentials; a ROS 2 folder and a split recording are the files that they hold
+    name: str  # Name of the file
+    bytes: int | None = None  # Its size; None of a folder, and where a server does not say it
+    # Digest of its content, hexadecimal. None where it was not read as a whole: of a file on a server, and where only a
+    # part was processed; and where it was changed while it was read
     sha256: str | None = None
-    server: tuple[tuple[str, str], ...] = ()
-    is_changed: bool = False
+    server: tuple[tuple[str, str], ...] = ()  # Facts that the server gives: `size`, `etag`, `last_modified`
+    is_changed: bool = False  # Whether it was changed while it was read
 
     @classmethod
     def unread(cls, path: Location) -> "InputFile":

@@ -13,14 +13,10 @@ URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://(.*)", re.DOTALL)
 
 @dataclass(frozen=True, slots=True, repr=False)
 class RemotePath:
-    """A file on a server. Its text form leaves out all secrets.
+    """A file on a server. Its text form leaves out all secrets."""
 
-    Attributes:
-        url: The whole URL, including secrets (user and password, the signature in a query): never show it.
-        facts: Facts that the server gave when the file was opened: `size` in bytes, `etag`, `last_modified`.
-    """
-
-    url: str
+    url: str  # The whole URL, including secrets (user and password, the signature in a query): never show it
+    # Facts that the server gave when the file was opened: `size` in bytes, `etag`, `last_modified`
     facts: tuple[tuple[str, str], ...] = ()
 
     def __str__(self) -> str:

@@ -15,17 +15,13 @@ RosVersion = Literal["ROS 1", "ROS 2", "no ROS"]
 
 
 class ReadOptions(NamedTuple):
-    """Options of reading a recording.
+    """Options of reading a recording."""
 
-    Attributes:
-        recovery: Treatment of damage. `none`: an error. `as_needed`: what can be read of a damaged file is read, and
-            `Recording.losses` lists the rest. `full_scan`: the same, but every record is read once even if index or
-            summary seem valid, which finds messages that these do not list.
-        limits: Memory and disk space that the recording may use.
-    """
-
+    # Treatment of damage. `none`: an error. `as_needed`: what can be read of a damaged file is read, and
+    # `Recording.losses` lists the rest. `full_scan`: the same, but every record is read once even if index or summary
+    # seem valid, which finds messages that these do not list
     recovery: Literal["none", "as_needed", "full_scan"] = "as_needed"
-    limits: LimitsConfig = DEFAULT_LIMITS
+    limits: LimitsConfig = DEFAULT_LIMITS  # Memory and disk space that the recording may use
 
 
 DEFAULT_READ_OPTIONS = ReadOptions()
@@ -33,25 +29,16 @@ DEFAULT_READ_OPTIONS = ReadOptions()
 
 @dataclass(frozen=True, slots=True)
 class TopicInfo:
-    """One topic with one type; a topic that was recorded with two types has two of these.
+    """One topic with one type; a topic that was recorded with two types has two of these."""
 
-    Attributes:
-        topic: Topic name.
-        msgtype: Type name in the ROS 2 spelling, for instance `sensor_msgs/msg/PointCloud2`.
-        message_count: Messages recorded, including those that cannot be read.
-        channels: The distinct definitions it was recorded with; empty if it cannot be read.
-        unreadable: Why its messages are not yielded; empty if they are.
-        part_of: Topic of the combined messages that contain its messages; empty if it was recorded by itself.
-        gathered_from: Type of the recorded messages (counted by `message_count`) that its messages are put together
-            from; empty if they are as recorded.
-    """
-
-    topic: str
-    msgtype: str
-    message_count: int
-    channels: tuple[Channel, ...]
-    unreadable: str = ""
-    part_of: str = ""
+    topic: str  # Topic name
+    msgtype: str  # Type name in the ROS 2 spelling, for instance `sensor_msgs/msg/PointCloud2`
+    message_count: int  # Messages recorded, including those that cannot be read
+    channels: tuple[Channel, ...]  # The distinct definitions it was recorded with; empty if it cannot be read
+    unreadable: str = ""  # Why its messages are not yielded; empty if they are
+    part_of: str = ""  # Topic of the combined messages that contain its messages; empty if it was recorded by itself
+    # Type of the recorded messages (counted by `message_count`) that its messages are put together from; empty if they
+    # are as recorded
     gathered_from: str = ""
 
     @property

@@ -16,14 +16,10 @@ class ResultWriter(ABC):
 
     A context manager: what is written is complete when the block ends without error. It gets its name afterwards, with
     all other outputs of the run (`lidcam.writers.outputs.transaction`), or is discarded with them. Not thread-safe.
-
-    Attributes:
-        name: Short name of the kind of output, for timings and messages.
-        path: The output in error messages.
     """
 
-    name: str
-    path: Path
+    name: str  # Short name of the kind of output, for timings and messages
+    path: Path  # The output in error messages
 
     def __enter__(self) -> Self:
         """Open the output.

@@ -58,30 +58,18 @@ def camera_image(result: FrameResult, camera: CameraSensor) -> RawMessage | None
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrawnObjects:
-    """The N fused objects of a frame, as every viewer draws them.
+    """The N fused objects of a frame, as every viewer draws them."""
 
-    Attributes:
-        result: The frame.
-        boxes: Its fused objects.
-        class_names: By class id.
-        tracks: (N,) number of the track of each; `NO_TRACK` without.
-        strong: (N,) confirmed by a camera, or with a high score; the others are faint.
-        predicted: (N,) shown by nothing in the frame: they are where their tracks say.
-        thin: (N,) shown by no lidar: drawn thinner, and with the uncertainty of their place.
-        colors: (N, 3) red, green, blue in [0, 1]: that of the class, darker where unsure or predicted.
-        names: Class, number and speed of those with a track; class and score of the others.
-        labels: The same with what is missing: `car #12, 4.3 m/s`, `car 0.82 (2 cam)`, `car 0.31 (no lidar)`.
-    """
-
-    result: FrameResult
-    boxes: Boxes3D
-    class_names: Sequence[str]
-    tracks: I64
-    strong: Bools
-    predicted: Bools
-    thin: Bools
-    colors: F64
-    names: Sequence[str]
+    result: FrameResult  # The frame
+    boxes: Boxes3D  # Its fused objects
+    class_names: Sequence[str]  # By class id
+    tracks: I64  # (N,) number of the track of each; `NO_TRACK` without
+    strong: Bools  # (N,) confirmed by a camera, or with a high score; the others are faint
+    predicted: Bools  # (N,) shown by nothing in the frame: they are where their tracks say
+    thin: Bools  # (N,) shown by no lidar: drawn thinner, and with the uncertainty of their place
+    colors: F64  # (N, 3) red, green, blue in [0, 1]: that of the class, darker where unsure or predicted
+    names: Sequence[str]  # Class, number and speed of those with a track; class and score of the others
+    # The same with what is missing: `car #12, 4.3 m/s`, `car 0.82 (2 cam)`, `car 0.31 (no lidar)`
     labels: Sequence[str]
 
     @classmethod
@@ -180,21 +168,14 @@ def _may_be_seen(objects: Boxes3D, models: Sequence[CameraModel], poses: F64) ->
 
 
 class DrawnBoxes2D(NamedTuple):
-    """The 2D boxes of one image as they are drawn.
+    """The 2D boxes of one image as they are drawn."""
 
-    Attributes:
-        xyxy: (N, 4) float32, left, top, right, bottom in pixels.
-        colors: N colours: that of matched boxes, or of boxes of the camera alone.
-        labels: Class and score, or track and speed: the object's where the box belongs to one, else the detector's.
-        objects: Row of that object, -1 where the box belongs to none.
-        overlaps: With its 3D box, when they were matched; 0 where the box belongs to none.
-    """
-
-    xyxy: F32
-    colors: Sequence[Rgb]
+    xyxy: F32  # (N, 4) float32, left, top, right, bottom in pixels
+    colors: Sequence[Rgb]  # N colours: that of matched boxes, or of boxes of the camera alone
+    # Class and score, or track and speed: the object's where the box belongs to one, else the detector's
     labels: Sequence[str]
-    objects: Sequence[int] = ()
-    overlaps: Sequence[float] = ()
+    objects: Sequence[int] = ()  # Row of that object, -1 where the box belongs to none
+    overlaps: Sequence[float] = ()  # With its 3D box, when they were matched; 0 where the box belongs to none
 
     @property
     def are_matched(self) -> Bools:

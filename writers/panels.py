@@ -27,37 +27,22 @@ OBJECTS_TITLE, SKEW_TITLE = "Objects: all blue, confirmed green", "Sync skew (ms
 
 
 class Panels(NamedTuple):
-    """An arrangement.
+    """An arrangement."""
 
-    Attributes:
-        side: Where the images are, seen from the scene.
-        columns: Columns of the grid of images.
-        image_share: Share of the window's width (right) or height (top) for the images.
-        plot_share: Share of the images' area for the plots; 0: the plots are behind the scene.
-        scene_aspect: Width of the scene divided by its height.
-    """
-
-    side: Literal["right", "top"]
-    columns: int
-    image_share: float
-    plot_share: float
-    scene_aspect: float
+    side: Literal["right", "top"]  # Where the images are, seen from the scene
+    columns: int  # Columns of the grid of images
+    image_share: float  # Share of the window's width (right) or height (top) for the images
+    plot_share: float  # Share of the images' area for the plots; 0: the plots are behind the scene
+    scene_aspect: float  # Width of the scene divided by its height
 
 
 class ScenePanels(NamedTuple):
-    """The scene in perspective, and from above beside or below it.
+    """The scene in perspective, and from above beside or below it."""
 
-    Attributes:
-        direction: Whether they are side by side.
-        share: Share of the first.
-        aspect: Width of the view in perspective divided by its height.
-        above_aspect: The same of the view from above.
-    """
-
-    direction: Literal["row", "column"]
-    share: float
-    aspect: float
-    above_aspect: float
+    direction: Literal["row", "column"]  # Whether they are side by side
+    share: float  # Share of the first
+    aspect: float  # Width of the view in perspective divided by its height
+    above_aspect: float  # The same of the view from above
 
 
 def scene_panels(aspect: float) -> ScenePanels:

@@ -9,37 +9,26 @@ from lidcam.pipeline.core.text import visible
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """The inputs, settings and rig of a result.
+    """The inputs, settings and rig of a result."""
 
-    Attributes:
-        version: Version of lidcam.
-        inputs: For each input file its `name` and `size`, or for a file on a server its `url` (without credentials),
-            `size`, and `etag` and `last_modified` if the server sends them.
-        fingerprint: Gives what differs between inputs (hexadecimal), from their ends alone.
-        checksums: Gives the content of the metadata record `lidcam.inputs`, at the end of a run: the SHA-256 of each
-            input that was read as a whole, and of each file that the settings name; raises a RecordingError where one
-            cannot be read.
-        settings: Which settings these are, and why.
-        config_yaml: All settings that affect the result; not `run`, so that the number of workers does not, nor where
-            the files lie that they name.
-        rig_yaml: The rig, as a rig file.
-        boxes3d_topics: Topics of the recorded 3D boxes that were used.
-        start_ns: Log time of the first input message: used for the attachments in place of the wall clock.
-        named: Names of the files that the settings name, and the provider that ran the 2D network.
-        summary: Gives, at the end of a run, its summary as JSON.
-    """
-
-    version: str
+    version: str  # Version of lidcam
+    # For each input file its `name` and `size`, or for a file on a server its `url` (without credentials), `size`, and
+    # `etag` and `last_modified` if the server sends them
     inputs: tuple[Mapping[str, str], ...]
-    fingerprint: Callable[[], str]
+    fingerprint: Callable[[], str]  # Gives what differs between inputs (hexadecimal), from their ends alone
+    # Gives the content of the metadata record `lidcam.inputs`, at the end of a run: the SHA-256 of each input that was
+    # read as a whole, and of each file that the settings name; raises a RecordingError where one cannot be read
     checksums: Callable[[], Mapping[str, str]]
-    settings: str
+    settings: str  # Which settings these are, and why
+    # All settings that affect the result; not `run`, so that the number of workers does not, nor where the files lie
+    # that they name
     config_yaml: str
-    rig_yaml: str
-    start_ns: int
-    boxes3d_topics: tuple[str, ...] = ()
+    rig_yaml: str  # The rig, as a rig file
+    start_ns: int  # Log time of the first input message: used for the attachments in place of the wall clock
+    boxes3d_topics: tuple[str, ...] = ()  # Topics of the recorded 3D boxes that were used
+    # Names of the files that the settings name, and the provider that ran the 2D network
     named: Mapping[str, str] = field(default_factory=dict)
-    summary: Callable[[], str] = lambda: "{}"
+    summary: Callable[[], str] = lambda: "{}"  # Gives, at the end of a run, its summary as JSON
 
     def metadata(self) -> dict[str, str]:
         """The content of the metadata record `lidcam`."""

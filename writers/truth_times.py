@@ -21,17 +21,11 @@ MAX_FRAMES, MAX_WAITING = 256, 256
 
 @dataclass(frozen=True, slots=True)
 class FrameTime:
-    """A frame.
+    """A frame."""
 
-    Attributes:
-        index: Its number.
-        stamp_ns: When it was measured.
-        log_time_ns: When its reference message was recorded.
-    """
-
-    index: int
-    stamp_ns: int
-    log_time_ns: int
+    index: int  # Its number
+    stamp_ns: int  # When it was measured
+    log_time_ns: int  # When its reference message was recorded
 
 
 class TruthTimes:

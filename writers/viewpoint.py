@@ -40,17 +40,11 @@ _NEAREST_M = 0.1
 
 
 class Viewpoint(NamedTuple):
-    """An eye, in the site frame.
+    """An eye, in the site frame."""
 
-    Attributes:
-        eye: (3,) metres.
-        target: (3,) metres; the eye looks at it.
-        up: (2,) unit vector, the direction on the ground that is up in the view.
-    """
-
-    eye: F64
-    target: F64
-    up: F64
+    eye: F64  # (3,) metres
+    target: F64  # (3,) metres; the eye looks at it
+    up: F64  # (2,) unit vector, the direction on the ground that is up in the view
 
     @property
     def size_m(self) -> float:
@@ -86,15 +80,10 @@ def cameras_in_order(rig: Rig) -> tuple[CameraSensor, ...]:
 
 @dataclass
 class SceneSurvey:
-    """Gathers, over the first frames, what the first view should show.
+    """Gathers, over the first frames, what the first view should show."""
 
-    Attributes:
-        rig: The sensors.
-        frames: Number of frames taken in, those without points and objects, too.
-    """
-
-    rig: Rig
-    frames: int = 0
+    rig: Rig  # The sensors
+    frames: int = 0  # Number of frames taken in, those without points and objects, too
     _strong: list[F64] = field(default_factory=list)
     _faint: list[F64] = field(default_factory=list)
     _reach_m: list[float] = field(default_factory=list)

@@ -18,17 +18,11 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A job for a process of its own.
+    """A job for a process of its own."""
 
-    Attributes:
-        record: The record of the job, to be completed.
-        job: The job without outputs.
-        outputs: Its outputs, local or in a bucket, the result first.
-    """
-
-    record: JobRecord
-    job: Job
-    outputs: tuple[Location, ...]
+    record: JobRecord  # The record of the job, to be completed
+    job: Job  # The job without outputs
+    outputs: tuple[Location, ...]  # Its outputs, local or in a bucket, the result first
 
 
 def cancelled(task: Task) -> JobRecord:

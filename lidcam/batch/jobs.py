@@ -33,17 +33,11 @@ L = TypeVar("L", Path, RemotePath)
 
 @dataclass(frozen=True, slots=True)
 class BatchJob:
-    """One recording of a batch.
+    """One recording of a batch."""
 
-    Attributes:
-        inputs: The recording, or all parts of a split one in order.
-        name: Name of its results, without ending, below the folder of the batch: `day1/drive`.
-        bytes: Size of the files; 0 if unknown.
-    """
-
-    inputs: tuple[Location, ...]
-    name: str
-    bytes: int
+    inputs: tuple[Location, ...]  # The recording, or all parts of a split one in order
+    name: str  # Name of its results, without ending, below the folder of the batch: `day1/drive`
+    bytes: int  # Size of the files; 0 if unknown
 
 
 def find_jobs(given: Sequence[str], out: Location) -> list[BatchJob]:

@@ -23,49 +23,29 @@ State = Literal["begun", "done", "incomplete", "failed", "busy"]
 
 @dataclass(frozen=True, slots=True)
 class JobRecord:
-    """The state of one job.
+    """The state of one job."""
 
-    Attributes:
-        name: Name of its results, without ending.
-        input: Its files, without credentials.
-        key: Digest of recording, settings, rig, network and version; equal keys have equal results.
-        state: `begun`: an earlier batch was killed while it ran; `busy`: another batch is running it.
-        exit_code: As `lidcam process` would exit; negative: ended by that signal; None while it has none.
-        message: The line of error, or of what was incomplete.
-        outputs: Sizes in bytes by the name of the file, relative to the folder of the batch.
-        frames: Number of frames.
-        objects: Fused objects of all frames, by class.
-        dropped: Messages that were not used.
-        skew_max_ms: Largest spread of the stamps in a frame; None without frames.
-        lacking: Frames without a sensor that was recorded, by sensor.
-        processor_s: Processor time of the job with all its processes, seconds.
-        wall_s: Duration, seconds.
-        peak_mib: Largest memory of one of its processes.
-        sha256: Checksums of the inputs that were read in full, in order.
-        settings: Name of the settings.
-        settings_sha256: Checksum of the settings that affect the result.
-        version: Version of lidcam.
-    """
-
-    name: str
-    input: str
-    key: str
-    state: State
+    name: str  # Name of its results, without ending
+    input: str  # Its files, without credentials
+    key: str  # Digest of recording, settings, rig, network and version; equal keys have equal results
+    state: State  # `begun`: an earlier batch was killed while it ran; `busy`: another batch is running it
+    # As `lidcam process` would exit; negative: ended by that signal; None while it has none
     exit_code: int | None = None
-    message: str = ""
+    message: str = ""  # The line of error, or of what was incomplete
+    # Sizes in bytes by the name of the file, relative to the folder of the batch
     outputs: Mapping[str, int] | None = None
-    frames: int = 0
-    objects: Mapping[str, int] | None = None
-    dropped: int = 0
-    skew_max_ms: float | None = None
-    lacking: Mapping[str, int] | None = None
-    processor_s: float = 0.0
-    wall_s: float = 0.0
-    peak_mib: float = 0.0
-    sha256: Sequence[str] = ()
-    settings: str = ""
-    settings_sha256: str = ""
-    version: str = ""
+    frames: int = 0  # Number of frames
+    objects: Mapping[str, int] | None = None  # Fused objects of all frames, by class
+    dropped: int = 0  # Messages that were not used
+    skew_max_ms: float | None = None  # Largest spread of the stamps in a frame; None without frames
+    lacking: Mapping[str, int] | None = None  # Frames without a sensor that was recorded, by sensor
+    processor_s: float = 0.0  # Processor time of the job with all its processes, seconds
+    wall_s: float = 0.0  # Duration, seconds
+    peak_mib: float = 0.0  # Largest memory of one of its processes
+    sha256: Sequence[str] = ()  # Checksums of the inputs that were read in full, in order
+    settings: str = ""  # Name of the settings
+    settings_sha256: str = ""  # Checksum of the settings that affect the result
+    version: str = ""  # Version of lidcam
 
     def is_current(self, key: str, size_of: Callable[[str], int | None]) -> bool:
         """Whether the results exist, with these sizes, and are up to date."""

@@ -26,20 +26,13 @@ MATCHES = "_matches"
 
 @dataclass(frozen=True, slots=True)
 class BatchOptions:
-    """The processing of each recording.
+    """The processing of each recording."""
 
-    Attributes:
-        out: Folder of the results, local or of an object store.
-        job: The job of each recording, without inputs and outputs; `overwrite` also reprocesses results that are up to
-            date.
-        endings: Further outputs of each recording, by the endings of their names.
-        fail_fast: Start no other job after one that failed.
-    """
-
-    out: Location
+    out: Location  # Folder of the results, local or of an object store
+    # The job of each recording, without inputs and outputs; `overwrite` also reprocesses results that are up to date
     job: Job
-    endings: Sequence[str] = ()
-    fail_fast: bool = False
+    endings: Sequence[str] = ()  # Further outputs of each recording, by the endings of their names
+    fail_fast: bool = False  # Start no other job after one that failed
 
     def facts(self) -> list[object]:
         """All that results depend on besides the recording."""

@@ -23,15 +23,10 @@ MAX_MISSING = 2
 
 
 class Verdict(NamedTuple):
-    """The end of a command that has done its work.
+    """The end of a command that has done its work."""
 
-    Attributes:
-        failures: Failed checks, one line each; the outputs are kept.
-        incomplete: Parts of the recording that could not be used, one line each.
-    """
-
-    failures: tuple[str, ...] = ()
-    incomplete: Sequence[str] = ()
+    failures: tuple[str, ...] = ()  # Failed checks, one line each; the outputs are kept
+    incomplete: Sequence[str] = ()  # Parts of the recording that could not be used, one line each
 
     @property
     def exit_code(self) -> int:

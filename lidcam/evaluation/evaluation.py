@@ -20,23 +20,14 @@ from lidcam.run.warning import RunWarning
 
 @dataclass(frozen=True, slots=True)
 class EvaluationJob:
-    """A result, and the truth to compare it with.
+    """A result, and the truth to compare it with."""
 
-    Attributes:
-        result: The .mcap file that `lidcam process` wrote.
-        truth: Recordings or files of labels; empty: the truth in the result.
-        truth_topic: Topic of the truth; empty: found by name.
-        rig: Rig file whose zones and truth vehicles replace those of the result.
-        settings: Single settings on top of those of the result.
-        requirements: Limits that the figures must meet.
-    """
-
-    result: Path
-    truth: tuple[Location, ...] = ()
-    truth_topic: str = ""
-    rig: RigFile | None = None
-    settings: Sequence[str] = ()
-    requirements: tuple[Requirement, ...] = ()
+    result: Path  # The .mcap file that `lidcam process` wrote
+    truth: tuple[Location, ...] = ()  # Recordings or files of labels; empty: the truth in the result
+    truth_topic: str = ""  # Topic of the truth; empty: found by name
+    rig: RigFile | None = None  # Rig file whose zones and truth vehicles replace those of the result
+    settings: Sequence[str] = ()  # Single settings on top of those of the result
+    requirements: tuple[Requirement, ...] = ()  # Limits that the figures must meet
 
 
 def make_evaluation_job(
@@ -102,15 +93,10 @@ def _as_texts(settings: Settings) -> Iterator[str]:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The truth that figures compare with.
+    """The truth that figures compare with."""
 
-    Attributes:
-        sources: Each place that it was taken from, in words.
-        inputs: The files that it stands in.
-    """
-
-    sources: tuple[str, ...]
-    inputs: tuple[InputFile, ...]
+    sources: tuple[str, ...]  # Each place that it was taken from, in words
+    inputs: tuple[InputFile, ...]  # The files that it stands in
 
     def tree(self) -> dict[str, Any]:
         """Plain values, for JSON."""

@@ -91,17 +91,11 @@ class Requirement:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The outcome of a requirement.
+    """The outcome of a requirement."""
 
-    Attributes:
-        requirement: The requirement.
-        found: The figure; None if it is not defined, or there is none of that name.
-        failure: Why it is not met, in one line; empty if it is.
-    """
-
-    requirement: Requirement
-    found: Figure
-    failure: str
+    requirement: Requirement  # The requirement
+    found: Figure  # The figure; None if it is not defined, or there is none of that name
+    failure: str  # Why it is not met, in one line; empty if it is
 
     def tree(self) -> dict[str, Any]:
         """Plain values, for JSON."""

@@ -12,21 +12,13 @@ NetworkName = Literal["yolox-nano", "yolox-tiny", "yolox-s"]
 
 @dataclass(frozen=True, slots=True)
 class KnownNetwork:
-    """A file that the maker of a network publishes.
+    """A file that the maker of a network publishes."""
 
-    Attributes:
-        address: URL, from where the user may also take it by hand.
-        size_bytes: Size.
-        sha256: Checksum, in hexadecimal digits.
-        licence: SPDX identifier of the licence.
-        licence_address: URL of the licence's text.
-    """
-
-    address: str
-    size_bytes: int
-    sha256: str
-    licence: str
-    licence_address: str
+    address: str  # URL, from where the user may also take it by hand
+    size_bytes: int  # Size
+    sha256: str  # Checksum, in hexadecimal digits
+    licence: str  # SPDX identifier of the licence
+    licence_address: str  # URL of the licence's text
 
     @property
     def file_name(self) -> str:

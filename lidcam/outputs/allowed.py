@@ -154,17 +154,11 @@ def _head(path: Path, size: int) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class Replaceable:
-    """Files that a command may replace without --overwrite: its own.
+    """Files that a command may replace without --overwrite: its own."""
 
-    Attributes:
-        is_own: Whether the command wrote the file or folder that stands at a path.
-        otherwise: Error message for a file that it did not write.
-        only_own: Whether --overwrite does not replace others either: a folder may hold anything.
-    """
-
-    is_own: Callable[[Path], bool]
-    otherwise: str
-    only_own: bool = False
+    is_own: Callable[[Path], bool]  # Whether the command wrote the file or folder that stands at a path
+    otherwise: str  # Error message for a file that it did not write
+    only_own: bool = False  # Whether --overwrite does not replace others either: a folder may hold anything
 
 
 TEXT = Replaceable(

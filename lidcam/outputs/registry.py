@@ -15,30 +15,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """An output of a run.
+    """An output of a run."""
 
-    Attributes:
-        name: The viewer that opens it, for the last lines of a run.
-        option: Option of `lidcam process` and switch of `lidcam batch` that ask for it; empty: the result itself.
-        ending: Ending of its name; empty: a folder; None: no file, but a view of the run while it goes on.
-        open: Function that makes its `ResultWriter` of an `Opening` (`lidcam.outputs.writers`).
-        made_of_result: Function that makes its text of the finished result, in place of a writer.
-        is_own: Function that says whether a run of lidcam wrote what stands at a path, so that a later one may replace
-            it. It raises OSError where that cannot be read.
-        how_to_open: Instruction to open `{path}`, and the `{layout}` beside it.
-        folder_of: What a folder holds.
-        has_layout: Whether a layout for Foxglove is written beside it.
-    """
-
-    name: str
-    option: str
+    name: str  # The viewer that opens it, for the last lines of a run
+    option: str  # Option of `lidcam process` and switch of `lidcam batch` that ask for it; empty: the result itself
+    # Ending of its name; empty: a folder; None: no file, but a view of the run while it goes on
     ending: str | None = None
-    open: str = ""
-    made_of_result: str = ""
+    open: str = ""  # Function that makes its `ResultWriter` of an `Opening` (`lidcam.outputs.writers`)
+    made_of_result: str = ""  # Function that makes its text of the finished result, in place of a writer
+    # Function that says whether a run of lidcam wrote what stands at a path, so that a later one may replace it. It
+    # raises OSError where that cannot be read
     is_own: str = ""
-    how_to_open: str = ""
-    folder_of: str = ""
-    has_layout: bool = False
+    how_to_open: str = ""  # Instruction to open `{path}`, and the `{layout}` beside it
+    folder_of: str = ""  # What a folder holds
+    has_layout: bool = False  # Whether a layout for Foxglove is written beside it
 
     def beside(self, path: Path, config: "Config") -> tuple[Path, ...]:
         """The texts that are written beside it."""

@@ -14,17 +14,11 @@ from lidcam.run.summary import RunSummary
 
 @dataclass(frozen=True, slots=True)
 class Sending:
-    """Where the outputs of a run are written.
+    """Where the outputs of a run are written."""
 
-    Attributes:
-        local: The local path of each, in their order.
-        remote: The folder of an output, and where all that is in it is put.
-        overwrite: Whether objects that are no results are replaced, too.
-    """
-
-    local: tuple[Path, ...]
-    remote: tuple[tuple[Path, Bucket], ...] = ()
-    overwrite: bool = False
+    local: tuple[Path, ...]  # The local path of each, in their order
+    remote: tuple[tuple[Path, Bucket], ...] = ()  # The folder of an output, and where all that is in it is put
+    overwrite: bool = False  # Whether objects that are no results are replaced, too
 
     def send(self, report: RunSummary) -> RunSummary:
         """Put what was written to its places, the result last; the report with these places.

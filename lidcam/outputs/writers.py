@@ -24,21 +24,13 @@ from lidcam.writers.tables.writer import CsvObjectsWriter, ParquetObjectsWriter
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """What a writer is made of.
+    """What a writer is made of."""
 
-    Attributes:
-        job: The run.
-        source: The open recording, its rig and settings.
-        provenance: Where the result comes from.
-        outputs: The locked outputs.
-        path: This output; of a view, its option.
-    """
-
-    job: Job
-    source: RunInput
-    provenance: Provenance
-    outputs: OutputTransaction
-    path: Path
+    job: Job  # The run
+    source: RunInput  # The open recording, its rig and settings
+    provenance: Provenance  # Where the result comes from
+    outputs: OutputTransaction  # The locked outputs
+    path: Path  # This output; of a view, its option
 
     @property
     def file(self) -> OutputFile:

@@ -25,16 +25,11 @@ RIVALS = {"sandbox": "road", "road": "crossing", "crossing": "road"}
 
 @dataclass(frozen=True, slots=True)
 class SettingsChoice:
-    """Settings before the recording is seen.
+    """Settings before the recording is seen."""
 
-    Attributes:
-        config: Settings that the recording is opened with, and that are used where there is no choice.
-        name: Their source: a preset, a file, `defaults` or `as given`.
-        by_preset: The settings of each preset, among which the recording decides; empty without a choice.
-    """
-
-    config: Config
-    name: str = GIVEN
+    config: Config  # Settings that the recording is opened with, and that are used where there is no choice
+    name: str = GIVEN  # Their source: a preset, a file, `defaults` or `as given`
+    # The settings of each preset, among which the recording decides; empty without a choice
     by_preset: Mapping[str, Config] = field(default_factory=dict)
 
     __repr__ = brief

@@ -39,25 +39,16 @@ _BOUNDS = {"exclusiveMinimum": "above", "minimum": "at least", "exclusiveMaximum
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """Explanation of a key of the settings.
+    """Explanation of a key of the settings."""
 
-    Attributes:
-        key: The key, with `*` for the elements of a list or mapping; empty for all settings.
-        meaning: Its meaning.
-        unit: Unit of its value; empty where it has none.
-        allowed: Its allowed values; empty for a section.
-        default: Its default, as plain values; None where every element of a list has its own.
-        by_preset: Its value in each preset; empty where `default` is None.
-        keys: The keys of a section, with their meaning.
-    """
-
-    key: str
-    meaning: str
-    unit: str = ""
-    allowed: str = ""
-    default: Any = None
+    key: str  # The key, with `*` for the elements of a list or mapping; empty for all settings
+    meaning: str  # Its meaning
+    unit: str = ""  # Unit of its value; empty where it has none
+    allowed: str = ""  # Its allowed values; empty for a section
+    default: Any = None  # Its default, as plain values; None where every element of a list has its own
+    # Its value in each preset; empty where `default` is None
     by_preset: Mapping[str, Any] = field(default_factory=dict)
-    keys: Mapping[str, str] = field(default_factory=dict)
+    keys: Mapping[str, str] = field(default_factory=dict)  # The keys of a section, with their meaning
 
 
 def explain(key: str = "") -> Explanation:

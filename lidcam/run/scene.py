@@ -46,15 +46,11 @@ MAST_LIDAR_M = 3.0
 
 @dataclass(frozen=True, slots=True)
 class SceneSize:
-    """The size of a scene.
+    """The size of a scene."""
 
-    Attributes:
-        extent_m: Length and width of the middle 90 % of the points along the axes of the site frame, the longer first.
-        lidar_height_m: Median height of the lidars above the ground; None where no ground was found.
-    """
-
+    # Length and width of the middle 90 % of the points along the axes of the site frame, the longer first
     extent_m: tuple[float, float]
-    lidar_height_m: float | None
+    lidar_height_m: float | None  # Median height of the lidars above the ground; None where no ground was found
 
 
 def measure_scene(recording: Recording, rig: Rig, config: Config) -> SceneSize | None:

@@ -73,121 +73,75 @@ def unused_topics(recording: Recording, used: Collection[str]) -> tuple[UnusedTo
 
 @dataclass(frozen=True, slots=True)
 class InputSummary:
-    """The files and messages that were read.
+    """The files and messages that were read."""
 
-    Attributes:
-        files: The files that were read.
-        changed: Files that changed while they were read, including those that the settings name.
-        messages_used: Number of messages used, by topic.
-        copied: Number of messages copied to the output, by topic.
-        unused_topics: Topics with messages that the run did not look at.
-        losses: Damaged parts of the files.
-    """
-
-    files: tuple[InputFile, ...]
-    changed: tuple[str, ...]
-    messages_used: Mapping[str, int]
-    copied: Mapping[str, int]
-    unused_topics: tuple[UnusedTopic, ...]
-    losses: tuple[Loss, ...]
+    files: tuple[InputFile, ...]  # The files that were read
+    changed: tuple[str, ...]  # Files that changed while they were read, including those that the settings name
+    messages_used: Mapping[str, int]  # Number of messages used, by topic
+    copied: Mapping[str, int]  # Number of messages copied to the output, by topic
+    unused_topics: tuple[UnusedTopic, ...]  # Topics with messages that the run did not look at
+    losses: tuple[Loss, ...]  # Damaged parts of the files
 
     __repr__ = brief
 
 
 @dataclass(frozen=True, slots=True)
 class FrameSummary:
-    """Counts over the frames.
+    """Counts over the frames."""
 
-    Attributes:
-        count: Number of frames.
-        objects: Fused objects by (class name, zone name); the zone is empty where there are none.
-        sources: Fused objects by source of their geometry: `lidar`, `camera`, `both`, with tracks also `predicted`.
-        confirmed: Fused objects that at least one camera confirms.
-        without_boxes: Frames without an image or boxes of any camera.
-        without_boxes3d: Frames without boxes of recorded 3D detectors; 0 where none is used.
-        compensated: Frames with a cloud that was moved to the frame's time.
-        odometry: Frames whose pose, for tracks, comes from the clouds or is corrected by them; 0 for a static rig.
-        odometry_predicted: Those in which the cloud could not be registered.
-        points: Lidar points by step of the combination, summed over the frames.
-        skew_mean_ms: Mean spread of the stamps in a frame.
-        skew_max_ms: Largest spread of the stamps in a frame.
-    """
-
-    count: int
+    count: int  # Number of frames
+    # Fused objects by (class name, zone name); the zone is empty where there are none
     objects: Mapping[tuple[str, str], int]
+    # Fused objects by source of their geometry: `lidar`, `camera`, `both`, with tracks also `predicted`
     sources: Mapping[str, int]
-    confirmed: int
-    without_boxes: int
-    without_boxes3d: int
-    compensated: int
-    odometry: int
-    odometry_predicted: int
-    points: Mapping[str, int]
-    skew_mean_ms: float
-    skew_max_ms: float
+    confirmed: int  # Fused objects that at least one camera confirms
+    without_boxes: int  # Frames without an image or boxes of any camera
+    without_boxes3d: int  # Frames without boxes of recorded 3D detectors; 0 where none is used
+    compensated: int  # Frames with a cloud that was moved to the frame's time
+    odometry: int  # Frames whose pose, for tracks, comes from the clouds or is corrected by them; 0 for a static rig
+    odometry_predicted: int  # Those in which the cloud could not be registered
+    points: Mapping[str, int]  # Lidar points by step of the combination, summed over the frames
+    skew_mean_ms: float  # Mean spread of the stamps in a frame
+    skew_max_ms: float  # Largest spread of the stamps in a frame
 
     __repr__ = brief
 
 
 @dataclass(frozen=True, slots=True)
 class DropSummary:
-    """Counts of what was not used or not reported, by reason.
+    """Counts of what was not used or not reported, by reason."""
 
-    Attributes:
-        messages: Messages, and parts of messages, by topic and reason.
-        boxes: Recorded 2D boxes that could not be used.
-        boxes3d: Recorded 3D boxes that could not be used.
-        boxes_without_object: 2D boxes that neither match a 3D box nor propose an object.
-        objects: Fused objects that are not reported.
-    """
-
-    messages: tuple[DropCount, ...]
-    boxes: Mapping[str, int]
-    boxes3d: Mapping[str, int]
-    boxes_without_object: Mapping[str, int]
-    objects: Mapping[str, int]
+    messages: tuple[DropCount, ...]  # Messages, and parts of messages, by topic and reason
+    boxes: Mapping[str, int]  # Recorded 2D boxes that could not be used
+    boxes3d: Mapping[str, int]  # Recorded 3D boxes that could not be used
+    boxes_without_object: Mapping[str, int]  # 2D boxes that neither match a 3D box nor propose an object
+    objects: Mapping[str, int]  # Fused objects that are not reported
 
     __repr__ = brief
 
 
 @dataclass(frozen=True, slots=True)
 class SensorSummary:
-    """The sensors, and the sources of boxes and motion.
+    """The sensors, and the sources of boxes and motion."""
 
-    Attributes:
-        rig: The sensors, with their calibration and the zones.
-        calibration: The source of the calibration of each sensor.
-        faults: Sensors that were left out, with the reasons.
-        missing: Sensors that are missing from frames.
-        box_source: Source of the 2D boxes.
-        box_source_3d: Source of the lidars' 3D boxes: a name of `ENGINES`.
-        motion_topics: Topics of the motion of the site frame; empty where it stands still.
-    """
-
-    rig: Rig
-    calibration: tuple[SensorSource, ...]
-    faults: tuple[SensorFault, ...]
-    missing: tuple[MissingSensor, ...]
-    box_source: BoxSource
-    box_source_3d: str
-    motion_topics: tuple[str, ...]
+    rig: Rig  # The sensors, with their calibration and the zones
+    calibration: tuple[SensorSource, ...]  # The source of the calibration of each sensor
+    faults: tuple[SensorFault, ...]  # Sensors that were left out, with the reasons
+    missing: tuple[MissingSensor, ...]  # Sensors that are missing from frames
+    box_source: BoxSource  # Source of the 2D boxes
+    box_source_3d: str  # Source of the lidars' 3D boxes: a name of `ENGINES`
+    motion_topics: tuple[str, ...]  # Topics of the motion of the site frame; empty where it stands still
 
     __repr__ = brief
 
 
 @dataclass(frozen=True, slots=True)
 class TimingSummary:
-    """Times of a run; no stages and NaN for one that was read back from its result.
+    """Times of a run; no stages and NaN for one that was read back from its result."""
 
-    Attributes:
-        stage_seconds: Time per stage, summed over the frames and over all processes.
-        wall_seconds: Time to load the stages, and from the first message to the last result.
-        frames_per_second: Frames per second of wall time.
-    """
-
-    stage_seconds: Mapping[str, float]
-    wall_seconds: float
-    frames_per_second: float
+    stage_seconds: Mapping[str, float]  # Time per stage, summed over the frames and over all processes
+    wall_seconds: float  # Time to load the stages, and from the first message to the last result
+    frames_per_second: float  # Frames per second of wall time
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,15 +36,10 @@ SITE = "site"
 
 
 class Examples(NamedTuple):
-    """N boxes.
+    """N boxes."""
 
-    Attributes:
-        features: (N, F) see `FEATURES`.
-        kinds: (N,) int64, rows of `KINDS`.
-    """
-
-    features: F64
-    kinds: I64
+    features: F64  # (N, F) see `FEATURES`
+    kinds: I64  # (N,) int64, rows of `KINDS`
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:

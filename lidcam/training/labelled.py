@@ -90,25 +90,15 @@ class Objects(NamedTuple):
 
 
 class LabelledFrame(NamedTuple):
-    """The points of a frame that are not ground, and the true objects.
+    """The points of a frame that are not ground, and the true objects."""
 
-    Attributes:
-        position: (N, 3) points.
-        lidar: (N,) row of `origins` that measured each point.
-        origins: (L, 3) places of the lidars.
-        true: Objects that count; `classes` are rows of `NAMES`.
-        unlabelled: (U, 3) x, y and radius of circles around objects that do not count.
-        region: (C, 2) corners of the labelled region.
-        reach: (3,) x, y and radius of a circle that also limits it.
-    """
-
-    position: F64
-    lidar: U8
-    origins: F64
-    true: TrueBoxes
-    unlabelled: F64
-    region: F64
-    reach: F64
+    position: F64  # (N, 3) points
+    lidar: U8  # (N,) row of `origins` that measured each point
+    origins: F64  # (L, 3) places of the lidars
+    true: TrueBoxes  # Objects that count; `classes` are rows of `NAMES`
+    unlabelled: F64  # (U, 3) x, y and radius of circles around objects that do not count
+    region: F64  # (C, 2) corners of the labelled region
+    reach: F64  # (3,) x, y and radius of a circle that also limits it
 
     def is_labelled(self, xy: F64) -> Bools:
         """(K,) whether places (K, 2) are labelled, be it as objects or as free."""
@@ -155,21 +145,13 @@ class LabelledFrame(NamedTuple):
 
 
 class Recordings(NamedTuple):
-    """The labelled frames of recordings, in temporary files of this run.
+    """The labelled frames of recordings, in temporary files of this run."""
 
-    Attributes:
-        train: Frames to learn from.
-        calibrate: Frames that turn scores into probabilities.
-        judge: Frames that give the figures.
-        objects: File of the objects in `train`.
-        names: Files of the recordings, with checksums.
-    """
-
-    train: tuple[Path, ...]
-    calibrate: tuple[Path, ...]
-    judge: tuple[Path, ...]
-    objects: Path
-    names: tuple[str, ...]
+    train: tuple[Path, ...]  # Frames to learn from
+    calibrate: tuple[Path, ...]  # Frames that turn scores into probabilities
+    judge: tuple[Path, ...]  # Frames that give the figures
+    objects: Path  # File of the objects in `train`
+    names: tuple[str, ...]  # Files of the recordings, with checksums
 
     @property
     def text(self) -> str:

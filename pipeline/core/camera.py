@@ -32,23 +32,14 @@ EDGE_SHARES = np.linspace(0.0, 1.0, 5)
 
 @dataclass(frozen=True, eq=False)
 class CameraModel:
-    """Intrinsics of one camera.
+    """Intrinsics of one camera."""
 
-    Attributes:
-        frame_id: Optical frame (z forward, x right, y down).
-        width_px: Image width.
-        height_px: Image height.
-        K: (3, 3) float64 camera matrix, pixels.
-        model: Distortion model.
-        distortion: (k,) float64 coefficients; missing ones are zero.
-    """
-
-    frame_id: str
-    width_px: int
-    height_px: int
-    K: F64
-    model: DistortionModel
-    distortion: F64
+    frame_id: str  # Optical frame (z forward, x right, y down)
+    width_px: int  # Image width
+    height_px: int  # Image height
+    K: F64  # (3, 3) float64 camera matrix, pixels
+    model: DistortionModel  # Distortion model
+    distortion: F64  # (k,) float64 coefficients; missing ones are zero
 
     def __post_init__(self) -> None:
         limit = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}

@@ -59,15 +59,10 @@ class PointCloud:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
-    """A plane in the site frame, normal . p + offset_m = 0.
+    """A plane in the site frame, normal . p + offset_m = 0."""
 
-    Attributes:
-        normal: (3,) float64 unit vector; points up (z > 0).
-        offset_m: Signed distance of the origin from the plane.
-    """
-
-    normal: F64
-    offset_m: float
+    normal: F64  # (3,) float64 unit vector; points up (z > 0)
+    offset_m: float  # Signed distance of the origin from the plane
 
     def __post_init__(self) -> None:
         check_array("normal", self.normal, (3,), np.float64)
@@ -79,17 +74,11 @@ class Plane:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Relief:
-    """How the ground differs from its plane, on a grid over x and y.
+    """How the ground differs from its plane, on a grid over x and y."""
 
-    Attributes:
-        origin_xy: (2,) float64, place of the first node in the site frame, metres.
-        cell_m: Distance between nodes.
-        offsets_m: (H, W) float64, height of the ground above the plane at node (row along y, column along x).
-    """
-
-    origin_xy: F64
-    cell_m: float
-    offsets_m: F64
+    origin_xy: F64  # (2,) float64, place of the first node in the site frame, metres
+    cell_m: float  # Distance between nodes
+    offsets_m: F64  # (H, W) float64, height of the ground above the plane at node (row along y, column along x)
 
     __repr__ = brief
 

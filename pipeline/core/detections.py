@@ -209,18 +209,13 @@ class Detections:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypotheses:
-    """The hypotheses of one frame, and the 2D boxes that are matched with them.
+    """The hypotheses of one frame, and the 2D boxes that are matched with them."""
 
-    Attributes:
-        boxes: The boxes of `Detections.lidar` in their order, then those that 2D boxes propose.
-        matches: By camera name, for every camera of the rig; rows refer to `boxes` and to the camera's 2D boxes.
-        lidar_count: Number of boxes of the lidars.
-        boxes_without_object: Number of 2D boxes without a 3D box that begin no object, by reason.
-    """
-
-    boxes: Boxes3D
+    boxes: Boxes3D  # The boxes of `Detections.lidar` in their order, then those that 2D boxes propose
+    # By camera name, for every camera of the rig; rows refer to `boxes` and to the camera's 2D boxes
     matches: Mapping[str, Matches]
-    lidar_count: int
+    lidar_count: int  # Number of boxes of the lidars
+    # Number of 2D boxes without a 3D box that begin no object, by reason
     boxes_without_object: Mapping[str, int] = field(default_factory=dict)
 
     __repr__ = brief

@@ -94,16 +94,11 @@ class Decoded(Mapping[str, T]):
     """Decoded messages of one frame by sensor name, in rig order.
 
     A sensor whose message is missing or bad has no entry.
-
-    Attributes:
-        by_sensor: The decoded values.
-        drops: The bad messages.
-        unused_boxes: Recorded boxes that could not be used, by reason.
     """
 
-    by_sensor: Mapping[str, T]
-    drops: tuple[Drop, ...] = ()
-    unused_boxes: Mapping[str, int] = field(default_factory=dict)
+    by_sensor: Mapping[str, T]  # The decoded values
+    drops: tuple[Drop, ...] = ()  # The bad messages
+    unused_boxes: Mapping[str, int] = field(default_factory=dict)  # Recorded boxes that could not be used, by reason
 
     __repr__ = brief
 

@@ -18,24 +18,16 @@ def time_fault(time_ns: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One topic of one file of a recording, with what is needed to decode its messages.
+    """One topic of one file of a recording, with what is needed to decode its messages."""
 
-    Attributes:
-        topic: Topic name.
-        msgtype: Type name in the ROS 2 spelling, for instance `sensor_msgs/msg/PointCloud2`.
-        encoding: Serialisation of the bytes.
-        definition: Recorded message definition: text, or a protobuf FileDescriptorSet in base64; empty if none.
-        definition_format: Format of `definition`.
-        distro: ROS 2 release named by the recording, or empty.
-        digest: Recorded identity of the type: ROS 1's md5sum or a ROS 2 type hash (REP 2011); empty if there is none.
-    """
-
-    topic: str
-    msgtype: str
-    encoding: Literal["ros1", "cdr", "protobuf", "json"]
-    definition: str = ""
+    topic: str  # Topic name
+    msgtype: str  # Type name in the ROS 2 spelling, for instance `sensor_msgs/msg/PointCloud2`
+    encoding: Literal["ros1", "cdr", "protobuf", "json"]  # Serialisation of the bytes
+    definition: str = ""  # Recorded message definition: text, or a protobuf FileDescriptorSet in base64; empty if none
+    # Format of `definition`
     definition_format: Literal["ros1msg", "ros2msg", "ros2idl", "protobuf", "jsonschema"] = "ros2msg"
-    distro: str = ""
+    distro: str = ""  # ROS 2 release named by the recording, or empty
+    # Recorded identity of the type: ROS 1's md5sum or a ROS 2 type hash (REP 2011); empty if there is none
     digest: str = ""
 
     __repr__ = brief
@@ -73,18 +65,10 @@ class RawMessage(NamedTuple):
 
 
 class Drop(NamedTuple):
-    """A message, or with `parts` some parts of one, that was not used.
+    """A message, or with `parts` some parts of one, that was not used."""
 
-    Attributes:
-        topic: Its topic.
-        stamp_ns: Its stamp.
-        reason: Why; the same text for all messages dropped for this reason.
-        detail: Details of this message; may be empty.
-        parts: Number of parts not used, if the rest of the message was; 0 for the whole message.
-    """
-
-    topic: str
-    stamp_ns: int
-    reason: str
-    detail: str = ""
-    parts: int = 0
+    topic: str  # Its topic
+    stamp_ns: int  # Its stamp
+    reason: str  # Why; the same text for all messages dropped for this reason
+    detail: str = ""  # Details of this message; may be empty
+    parts: int = 0  # Number of parts not used, if the rest of the message was; 0 for the whole message

@@ -26,42 +26,26 @@ MAX_LIDARS = 255
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LidarSensor:
-    """One lidar of the rig.
+    """One lidar of the rig."""
 
-    Attributes:
-        name: Short name, unique in the rig.
-        topic: Topic of its clouds.
-        T_site_lidar: Extrinsics; its `src` is the lidar's frame.
-        time_offset_ns: Recorded stamp minus time of measurement.
-    """
-
-    name: str
-    topic: str
-    T_site_lidar: Transform
-    time_offset_ns: int = 0
+    name: str  # Short name, unique in the rig
+    topic: str  # Topic of its clouds
+    T_site_lidar: Transform  # Extrinsics; its `src` is the lidar's frame
+    time_offset_ns: int = 0  # Recorded stamp minus time of measurement
 
     __repr__ = brief
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraSensor:
-    """One camera of the rig.
+    """One camera of the rig."""
 
-    Attributes:
-        name: Short name, unique in the rig.
-        topic: Topic of its images; empty if only its boxes were recorded.
-        boxes_topic: Topic of its recorded 2D boxes (vision_msgs/Detection2DArray); empty if there is none.
-        model: Intrinsics.
-        T_camera_site: Extrinsics; its `dst` is the camera's optical frame.
-        time_offset_ns: Recorded stamp minus time of measurement, of images and boxes.
-    """
-
-    name: str
-    topic: str
-    boxes_topic: str
-    model: CameraModel
-    T_camera_site: Transform
-    time_offset_ns: int = 0
+    name: str  # Short name, unique in the rig
+    topic: str  # Topic of its images; empty if only its boxes were recorded
+    boxes_topic: str  # Topic of its recorded 2D boxes (vision_msgs/Detection2DArray); empty if there is none
+    model: CameraModel  # Intrinsics
+    T_camera_site: Transform  # Extrinsics; its `dst` is the camera's optical frame
+    time_offset_ns: int = 0  # Recorded stamp minus time of measurement, of images and boxes
 
     __repr__ = brief
 
@@ -87,21 +71,14 @@ class CameraSensor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedDetector:
-    """A 3D detector whose boxes were recorded.
+    """A 3D detector whose boxes were recorded."""
 
-    Attributes:
-        name: Short name, unique in the rig.
-        topic: Topic of its boxes.
-        frame_id: The frame of boxes whose message names none.
-        T_site_frame: By frame that boxes may be in: the frames that are fixed to the site frame.
-        T_fixed_frame: The same by frame that is fixed to the one in which the site frame moves (`PoseSamples`); empty
-            where the site frame stands still.
-    """
-
-    name: str
-    topic: str
-    frame_id: str
-    T_site_frame: Mapping[str, Transform]
+    name: str  # Short name, unique in the rig
+    topic: str  # Topic of its boxes
+    frame_id: str  # The frame of boxes whose message names none
+    T_site_frame: Mapping[str, Transform]  # By frame that boxes may be in: the frames that are fixed to the site frame
+    # The same by frame that is fixed to the one in which the site frame moves (`PoseSamples`); empty where the site
+    # frame stands still
     T_fixed_frame: Mapping[str, Transform] = field(default_factory=dict)
 
 
@@ -112,17 +89,11 @@ not reported. `ignore`: objects inside are not reported."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Zone:
-    """A part of the site.
+    """A part of the site."""
 
-    Attributes:
-        name: Zones `intersection` and `circle` fill the fields of these names in MsgLidCam.
-        polygon_site: (K, 2) float64, corners x, y in the site frame, metres.
-        use: Its purpose.
-    """
-
-    name: str
-    polygon_site: F64
-    use: ZoneUse = "count"
+    name: str  # Zones `intersection` and `circle` fill the fields of these names in MsgLidCam
+    polygon_site: F64  # (K, 2) float64, corners x, y in the site frame, metres
+    use: ZoneUse = "count"  # Its purpose
 
     def __post_init__(self) -> None:
         check_array("polygon_site", self.polygon_site, (len(self.polygon_site), 2), np.float64)
@@ -130,18 +101,12 @@ class Zone:
 
 @dataclass(frozen=True, slots=True)
 class TruthVehicle:
-    """A vehicle whose recorded odometry and box are the truth about it.
+    """A vehicle whose recorded odometry and box are the truth about it."""
 
-    Attributes:
-        topic: Topic of its odometry.
-        label: Its class.
-        size_m: Length, width, height of its box.
-        offset_m: Centre of its box in the child frame of the odometry; the box is parallel to it.
-    """
-
-    topic: str
-    label: str
-    size_m: tuple[float, float, float]
+    topic: str  # Topic of its odometry
+    label: str  # Its class
+    size_m: tuple[float, float, float]  # Length, width, height of its box
+    # Centre of its box in the child frame of the odometry; the box is parallel to it
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 

@@ -14,27 +14,16 @@ NO_TRACK = 0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracks(Table):
-    """The tracks of N objects of one frame, in the objects' order.
+    """The tracks of N objects of one frame, in the objects' order."""
 
-    Attributes:
-        ids: (N,) int64, number of the track from 1, the same in all frames; `NO_TRACK` for an object without one.
-        velocities: (N, 2) float64, over the ground, along x and y of the site frame as it stands in this frame, m/s.
-        velocity_covariances: (N, 2, 2) float64 over them, (m/s)^2.
-        yaw_rates: (N,) float64, over the ground, rad/s, counter-clockwise.
-        yaw_rate_variances: (N,) float64, (rad/s)^2.
-        existence: (N,) float64 in [0, 1], probability that the track is an object of its class.
-        ages_s: (N,) float64, since the track was first seen.
-        fronts_known: (N,) bool, whether its motion has shown which end of the object is its front.
-    """
-
-    ids: I64
-    velocities: F64
-    velocity_covariances: F64
-    yaw_rates: F64
-    yaw_rate_variances: F64
-    existence: F64
-    ages_s: F64
-    fronts_known: Bools
+    ids: I64  # (N,) int64, number of the track from 1, the same in all frames; `NO_TRACK` for an object without one
+    velocities: F64  # (N, 2) float64, over the ground, along x and y of the site frame as it stands in this frame, m/s
+    velocity_covariances: F64  # (N, 2, 2) float64 over them, (m/s)^2
+    yaw_rates: F64  # (N,) float64, over the ground, rad/s, counter-clockwise
+    yaw_rate_variances: F64  # (N,) float64, (rad/s)^2
+    existence: F64  # (N,) float64 in [0, 1], probability that the track is an object of its class
+    ages_s: F64  # (N,) float64, since the track was first seen
+    fronts_known: Bools  # (N,) bool, whether its motion has shown which end of the object is its front
 
     __repr__ = brief
 

@@ -10,27 +10,16 @@ from lidcam.pipeline.core.arrays import F64, check_array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueBoxes:
-    """The objects of one message of the truth.
+    """The objects of one message of the truth."""
 
-    Attributes:
-        topic: Topic of the message.
-        stamp_ns: Its stamp.
-        log_time_ns: When it was recorded.
-        frame_id: Frame of `centers`.
-        centers: (N, 3) float64, centre of the box, metres.
-        sizes: (N, 3) float64, length, width, height, metres.
-        yaws: (N,) float64, about +z.
-        labels: Of each object: its class, as the truth names it.
-    """
-
-    topic: str
-    stamp_ns: int
-    log_time_ns: int
-    frame_id: str
-    centers: F64
-    sizes: F64
-    yaws: F64
-    labels: Sequence[str]
+    topic: str  # Topic of the message
+    stamp_ns: int  # Its stamp
+    log_time_ns: int  # When it was recorded
+    frame_id: str  # Frame of `centers`
+    centers: F64  # (N, 3) float64, centre of the box, metres
+    sizes: F64  # (N, 3) float64, length, width, height, metres
+    yaws: F64  # (N,) float64, about +z
+    labels: Sequence[str]  # Of each object: its class, as the truth names it
 
     def __post_init__(self) -> None:
         n = len(self.labels)

@@ -35,15 +35,10 @@ sides of model cars better than the network does."""
 
 
 class Weights(NamedTuple):
-    """Weights of log odds in the sum, for each of `KINDS`.
+    """Weights of log odds in the sum, for each of `KINDS`."""
 
-    Attributes:
-        both: (5, 3) offset, factor of the clusters' score and factor of the network's, where the network has a box.
-        alone: (5, 2) offset and factor of the clusters' score, where the network could have found a box and has none.
-    """
-
-    both: F64
-    alone: F64
+    both: F64  # (5, 3) offset, factor of the clusters' score and factor of the network's, where the network has a box
+    alone: F64  # (5, 2) offset and factor of the clusters' score, where the network could have found a box and has none
 
 
 FITTED = Weights(
@@ -55,19 +50,12 @@ FITTED = Weights(
 
 
 class Evidence(NamedTuple):
-    """Log odds of N boxes.
+    """Log odds of N boxes."""
 
-    Attributes:
-        boxes: The boxes.
-        learned: (N,) log odds by the score of clusters; 0 for boxes of the network if that is not the learned one.
-        network: (N,) log odds by the network; NaN where it has no box.
-        is_reached: (N,) whether the network knows such objects, and its grid reaches them.
-    """
-
-    boxes: Boxes3D
-    learned: F64
-    network: F64
-    is_reached: Bools
+    boxes: Boxes3D  # The boxes
+    learned: F64  # (N,) log odds by the score of clusters; 0 for boxes of the network if that is not the learned one
+    network: F64  # (N,) log odds by the network; NaN where it has no box
+    is_reached: Bools  # (N,) whether the network knows such objects, and its grid reaches them
 
 
 class CombinedDetector:

@@ -11,17 +11,11 @@ from lidcam.pipeline.core.detections import Boxes3D
 
 
 class Candidates2D(NamedTuple):
-    """Proposals for one image, in the engine's own order.
+    """Proposals for one image, in the engine's own order."""
 
-    Attributes:
-        xyxy: (N, 4) float32, left, top, right, bottom in pixels of the image as given; may reach beyond it.
-        scores: (N,) float32 in [0, 1].
-        labels: (N,) int64, row of the detector's `labels`.
-    """
-
-    xyxy: F32
-    scores: F32
-    labels: I64
+    xyxy: F32  # (N, 4) float32, left, top, right, bottom in pixels of the image as given; may reach beyond it
+    scores: F32  # (N,) float32 in [0, 1]
+    labels: I64  # (N,) int64, row of the detector's `labels`
 
 
 class Detector2D(Protocol):
@@ -36,28 +30,18 @@ class Detector2D(Protocol):
 
 
 class Candidates3D(NamedTuple):
-    """Proposals for one cloud, in the engine's own order.
+    """Proposals for one cloud, in the engine's own order."""
 
-    Attributes:
-        centers: (N, 3) centre of the box, metres, site frame.
-        sizes: (N, 3) length, width, height, metres.
-        yaws: (N,) radians about +z, of any turn.
-        scores: (N,) in [0, 1].
-        class_ids: (N,) row of the configured classes, -1 for none of them; a network maps its own labels by
-            `Config.class_id_of_label`.
-        point_counts: (N,) lidar points that the box was found from; zeros where unknown.
-        covariances: (N, 3, 3) over x, y (m^2) and yaw (rad^2); zeros where unknown.
-        time_offsets_ns: (N,) mean time of the points of each box, minus the cloud's stamp; zeros where unknown.
-    """
-
-    centers: F64
-    sizes: F64
-    yaws: F64
-    scores: F64
+    centers: F64  # (N, 3) centre of the box, metres, site frame
+    sizes: F64  # (N, 3) length, width, height, metres
+    yaws: F64  # (N,) radians about +z, of any turn
+    scores: F64  # (N,) in [0, 1]
+    # (N,) row of the configured classes, -1 for none of them; a network maps its own labels by
+    # `Config.class_id_of_label`
     class_ids: I64
-    point_counts: I64
-    covariances: F64
-    time_offsets_ns: I64
+    point_counts: I64  # (N,) lidar points that the box was found from; zeros where unknown
+    covariances: F64  # (N, 3, 3) over x, y (m^2) and yaw (rad^2); zeros where unknown
+    time_offsets_ns: I64  # (N,) mean time of the points of each box, minus the cloud's stamp; zeros where unknown
 
     @classmethod
     def empty(cls) -> Self:

@@ -27,33 +27,20 @@ Figures: TypeAlias = Mapping[str, Union["Figures", Sequence["Figures"], Figure]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruthBoxes3D:
-    """True objects at one moment.
+    """True objects at one moment."""
 
-    Attributes:
-        stamp_ns: The moment.
-        frame_id: Frame of `centers`.
-        centers: (N, 3) float64, centre of the box, metres.
-        sizes: (N, 3) float64, length, width, height, metres.
-        yaws: (N,) float64, about +z, in (-pi, pi].
-        class_ids: (N,) int32, row of the configured classes; `UNKNOWN` for an object of no configured class.
-        labels: (N,) str, the objects' classes as the truth names them (`van`, where the configured class is `truck`).
-        track_ids: (N,) int64, the same for the same object in all frames; `UNKNOWN` if the truth has none.
-        lidar_points: (N,) int32, lidar points on it; `UNKNOWN` if the truth does not say.
-        image_pixels: (N,) int32, pixels that show it, in all images; `UNKNOWN` if the truth does not say.
-        is_ignored: (N,) bool, neither a miss nor an error, whatever the results say about it.
-    """
-
-    stamp_ns: int
-    frame_id: str
-    centers: F64
-    sizes: F64
-    yaws: F64
-    class_ids: I32
+    stamp_ns: int  # The moment
+    frame_id: str  # Frame of `centers`
+    centers: F64  # (N, 3) float64, centre of the box, metres
+    sizes: F64  # (N, 3) float64, length, width, height, metres
+    yaws: F64  # (N,) float64, about +z, in (-pi, pi]
+    class_ids: I32  # (N,) int32, row of the configured classes; `UNKNOWN` for an object of no configured class
+    # (N,) str, the objects' classes as the truth names them (`van`, where the configured class is `truck`)
     labels: Names
-    track_ids: I64
-    lidar_points: I32
-    image_pixels: I32
-    is_ignored: Bools
+    track_ids: I64  # (N,) int64, the same for the same object in all frames; `UNKNOWN` if the truth has none
+    lidar_points: I32  # (N,) int32, lidar points on it; `UNKNOWN` if the truth does not say
+    image_pixels: I32  # (N,) int32, pixels that show it, in all images; `UNKNOWN` if the truth does not say
+    is_ignored: Bools  # (N,) bool, neither a miss nor an error, whatever the results say about it
 
     def __post_init__(self) -> None:
         n = len(self.yaws)
@@ -73,25 +60,15 @@ class TruthBoxes3D:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruthBoxes2D:
-    """True objects in one image.
+    """True objects in one image."""
 
-    Attributes:
-        stamp_ns: Time of the image.
-        xyxy: (N, 4) float32, left, top, right, bottom of what the image shows of each object, pixels.
-        class_ids: (N,) int32, row of the configured classes; `UNKNOWN` for an object of no configured class.
-        labels: (N,) str, the objects' classes as the truth names them.
-        track_ids: (N,) int64, as in `TruthBoxes3D`.
-        image_pixels: (N,) int32, pixels of this image that show it; `UNKNOWN` if the truth does not say.
-        is_ignored: (N,) bool, neither a miss nor an error; regions that nobody labelled are such rows, too.
-    """
-
-    stamp_ns: int
-    xyxy: F32
-    class_ids: I32
-    labels: Names
-    track_ids: I64
-    image_pixels: I32
-    is_ignored: Bools
+    stamp_ns: int  # Time of the image
+    xyxy: F32  # (N, 4) float32, left, top, right, bottom of what the image shows of each object, pixels
+    class_ids: I32  # (N,) int32, row of the configured classes; `UNKNOWN` for an object of no configured class
+    labels: Names  # (N,) str, the objects' classes as the truth names them
+    track_ids: I64  # (N,) int64, as in `TruthBoxes3D`
+    image_pixels: I32  # (N,) int32, pixels of this image that show it; `UNKNOWN` if the truth does not say
+    is_ignored: Bools  # (N,) bool, neither a miss nor an error; regions that nobody labelled are such rows, too
 
     def __post_init__(self) -> None:
         n = len(self.xyxy)
@@ -117,17 +94,11 @@ def _check_common(boxes: TruthBoxes3D | TruthBoxes2D, n: int) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion(Table):
-    """Motion of N tracked objects.
+    """Motion of N tracked objects."""
 
-    Attributes:
-        velocities: (N, 2) float64, over the ground, along x and y of the site frame, m/s; NaN where it is not known.
-        yaw_rates: (N,) float64, over the ground, rad/s, counter-clockwise; NaN where it is not known.
-        is_predicted: (N,) bool, whether nothing of the object was seen in this frame.
-    """
-
-    velocities: F64
-    yaw_rates: F64
-    is_predicted: Bools
+    velocities: F64  # (N, 2) float64, over the ground, along x and y of the site frame, m/s; NaN where it is not known
+    yaw_rates: F64  # (N,) float64, over the ground, rad/s, counter-clockwise; NaN where it is not known
+    is_predicted: Bools  # (N,) bool, whether nothing of the object was seen in this frame
 
     def __post_init__(self) -> None:
         n = len(self.velocities)
@@ -143,17 +114,11 @@ class Motion(Table):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceBoxes(Table):
-    """The objects of one source in a frame.
+    """The objects of one source in a frame."""
 
-    Attributes:
-        boxes: Its objects.
-        track_ids: (N,) int64, the same for the same object in all frames; `UNKNOWN` where the result has none.
-        motion: Their motion; None if the source says nothing of it.
-    """
-
-    boxes: Boxes3D
-    track_ids: I64
-    motion: Motion | None = None
+    boxes: Boxes3D  # Its objects
+    track_ids: I64  # (N,) int64, the same for the same object in all frames; `UNKNOWN` where the result has none
+    motion: Motion | None = None  # Their motion; None if the source says nothing of it
 
     def __post_init__(self) -> None:
         n = len(self.boxes)
@@ -164,79 +129,54 @@ class SourceBoxes(Table):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageBoxes:
-    """The 2D boxes found in one image, and the true ones.
+    """The 2D boxes found in one image, and the true ones."""
 
-    Attributes:
-        found: The 2D boxes of the camera.
-        truth: The true boxes; None if they are not known.
-    """
-
-    found: Boxes2D
-    truth: TruthBoxes2D | None = None
+    found: Boxes2D  # The 2D boxes of the camera
+    truth: TruthBoxes2D | None = None  # The true boxes; None if they are not known
 
 
 @dataclass(frozen=True, slots=True)
 class FrameSync:
-    """The messages that a frame of a result was made of.
+    """The messages that a frame of a result was made of."""
 
-    Attributes:
-        log_time_ns: Log time of the frame.
-        offsets_ns: Stamp of the message of each topic, minus that of the frame.
-        missing: Why there is no message, by the name of each sensor without one.
-    """
-
-    log_time_ns: int
-    offsets_ns: Mapping[str, int]
-    missing: Mapping[str, str]
+    log_time_ns: int  # Log time of the frame
+    offsets_ns: Mapping[str, int]  # Stamp of the message of each topic, minus that of the frame
+    missing: Mapping[str, str]  # Why there is no message, by the name of each sensor without one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResultFrame:
-    """One frame of a result.
+    """One frame of a result."""
 
-    Attributes:
-        index: Its number, from 0.
-        stamp_ns: Its time.
-        log_time_ns: Log time of its messages.
-        sources: 3D boxes by source, empty where nothing was found; a source without an entry has no message.
-        cameras: 2D boxes by camera, with the stamp of the image; only cameras with an image or boxes in this frame.
-        skew_ns: Largest minus smallest stamp of the messages that the frame was made of; None if not known.
-        sync: These messages; None if not known.
-    """
-
-    index: int
-    stamp_ns: int
-    log_time_ns: int
+    index: int  # Its number, from 0
+    stamp_ns: int  # Its time
+    log_time_ns: int  # Log time of its messages
+    # 3D boxes by source, empty where nothing was found; a source without an entry has no message
     sources: Mapping[str, SourceBoxes]
+    # 2D boxes by camera, with the stamp of the image; only cameras with an image or boxes in this frame
     cameras: Mapping[str, Boxes2D]
+    # Largest minus smallest stamp of the messages that the frame was made of; None if not known
     skew_ns: int | None = None
-    sync: FrameSync | None = None
+    sync: FrameSync | None = None  # These messages; None if not known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EvaluationFrame:
-    """One frame of a result, with the truth at its time and in its frame of reference.
+    """One frame of a result, with the truth at its time and in its frame of reference."""
 
-    Attributes:
-        index: Number of the frame, from 0.
-        stamp_ns: Its time.
-        truth: The objects at that time, in the frame of the results; None if the truth does not cover the time.
-        sources: The objects found, by source: `lidar`, `fused`, and `cameras` where cameras alone place objects.
-        images: By camera name; only cameras with an image or boxes in this frame.
-        skew_ns: Largest minus smallest stamp of the messages that the frame is made of; None if not known.
-        T_fixed_site: (4, 4) float64, where the site frame stands on the ground, in a frame that does not move; None if
-            it is not known.
-        sync: The messages that it was made of; None if that is not known.
-    """
-
-    index: int
-    stamp_ns: int
+    index: int  # Number of the frame, from 0
+    stamp_ns: int  # Its time
+    # The objects at that time, in the frame of the results; None if the truth does not cover the time
     truth: TruthBoxes3D | None
+    # The objects found, by source: `lidar`, `fused`, and `cameras` where cameras alone place objects
     sources: Mapping[str, SourceBoxes]
+    # By camera name; only cameras with an image or boxes in this frame
     images: Mapping[str, ImageBoxes] = field(default_factory=dict)
+    # Largest minus smallest stamp of the messages that the frame is made of; None if not known
     skew_ns: int | None = None
+    # (4, 4) float64, where the site frame stands on the ground, in a frame that does not move; None if it is not known
     T_fixed_site: F64 | None = field(default_factory=lambda: np.eye(4))
-    sync: FrameSync | None = None
+    sync: FrameSync | None = None  # The messages that it was made of; None if that is not known
 
 
 def in_order(sources: Iterable[str]) -> list[str]:

@@ -33,37 +33,22 @@ detection already (`second`), or the detection is too far from its `place`."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mistake:
-    """An error over one or more frames.
+    """An error over one or more frames."""
 
-    Attributes:
-        kind: `false`: there is no object of this class; `missed`: an object that was not found.
-        class_id: Class of the detection, or of the missed object.
-        track_id: Id of the true object; of a false one, of the object at the place; `UNKNOWN` if there is none.
-        weight: Rank among mistakes: the sum of the scores over the frames, or the number of frames.
-        frames: Number of frames with the error.
-        first_ns: Stamp of the first of them.
-        last_ns: Stamp of the last of them.
-        last_center: (3,) centre in the last frame, metres in the site frame.
-        severity: Score of a false detection, lidar points of a missed object, in the worst frame: where it is largest.
-        worst_ns: Stamp of the worst frame.
-        center: (3,) centre in the worst frame.
-        named: Class, label and cause in the worst frame, as JSON has them.
-        box: Number, box, score and lidar points of the worst frame, as JSON has them.
-    """
-
-    kind: Kind
-    class_id: int
-    track_id: int
-    weight: float
-    frames: int
-    first_ns: int
-    last_ns: int
-    last_center: F64
+    kind: Kind  # `false`: there is no object of this class; `missed`: an object that was not found
+    class_id: int  # Class of the detection, or of the missed object
+    track_id: int  # Id of the true object; of a false one, of the object at the place; `UNKNOWN` if there is none
+    weight: float  # Rank among mistakes: the sum of the scores over the frames, or the number of frames
+    frames: int  # Number of frames with the error
+    first_ns: int  # Stamp of the first of them
+    last_ns: int  # Stamp of the last of them
+    last_center: F64  # (3,) centre in the last frame, metres in the site frame
+    # Score of a false detection, lidar points of a missed object, in the worst frame: where it is largest
     severity: float
-    worst_ns: int
-    center: F64
-    named: Figures
-    box: Figures
+    worst_ns: int  # Stamp of the worst frame
+    center: F64  # (3,) centre in the worst frame
+    named: Figures  # Class, label and cause in the worst frame, as JSON has them
+    box: Figures  # Number, box, score and lidar points of the worst frame, as JSON has them
 
     def figures(self, start_ns: int) -> Figures:
         """The mistake as JSON has it, with times also in seconds since `start_ns`."""

@@ -20,15 +20,10 @@ Measure = Literal["bev", "volume", "distance"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueObjects(Table):
-    """True objects of some frames, frame by frame.
+    """True objects of some frames, frame by frame."""
 
-    Attributes:
-        frames: (T,) int32, number of the evaluated frame, rising.
-        boxes: The objects; their stamp and frame of reference are those of the first frame.
-    """
-
-    frames: I32
-    boxes: TruthBoxes3D
+    frames: I32  # (T,) int32, number of the evaluated frame, rising
+    boxes: TruthBoxes3D  # The objects; their stamp and frame of reference are those of the first frame
 
     @classmethod
     def of(cls, truths: Sequence[TruthBoxes3D], first_frame: int) -> "TrueObjects":
@@ -38,19 +33,12 @@ class TrueObjects(Table):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundObjects(Table):
-    """Detections of one source in some frames, frame by frame.
+    """Detections of one source in some frames, frame by frame."""
 
-    Attributes:
-        frames: (N,) int32, number of the evaluated frame, rising.
-        boxes: The detections; their stamp and frame of reference mean nothing.
-        track_ids: (N,) int64, or `UNKNOWN`.
-        motion: Motion of their tracks.
-    """
-
-    frames: I32
-    boxes: Boxes3D
-    track_ids: I64
-    motion: Motion
+    frames: I32  # (N,) int32, number of the evaluated frame, rising
+    boxes: Boxes3D  # The detections; their stamp and frame of reference mean nothing
+    track_ids: I64  # (N,) int64, or `UNKNOWN`
+    motion: Motion  # Motion of their tracks
 
     @classmethod
     def of(cls, sources: Sequence[SourceBoxes | None], first_frame: int) -> "FoundObjects":
@@ -66,21 +54,13 @@ class FoundObjects(Table):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates(Table):
-    """Pairs of a true object and a detection of the same frame that may belong together.
+    """Pairs of a true object and a detection of the same frame that may belong together."""
 
-    Attributes:
-        truth: (P,) rows of the true objects.
-        found: (P,) rows of the detections.
-        bev: (P,) float64, IoU seen from above.
-        volume: (P,) float64, IoU in 3D.
-        distances_m: (P,) float64, of the centres seen from above.
-    """
-
-    truth: Indices
-    found: Indices
-    bev: F64
-    volume: F64
-    distances_m: F64
+    truth: Indices  # (P,) rows of the true objects
+    found: Indices  # (P,) rows of the detections
+    bev: F64  # (P,) float64, IoU seen from above
+    volume: F64  # (P,) float64, IoU in 3D
+    distances_m: F64  # (P,) float64, of the centres seen from above
 
     def best_first(self, measure: Measure) -> Indices:
         """The pairs detection by detection, the best true object first, the earlier one of two equally good ones."""

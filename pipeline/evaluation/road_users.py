@@ -16,80 +16,49 @@ from lidcam.pipeline.core.tracks import NO_TRACK
 
 @dataclass(frozen=True, slots=True)
 class RoadUserCount:
-    """The road users of one class in one zone, or in all of the site.
+    """The road users of one class in one zone, or in all of the site."""
 
-    Attributes:
-        class_name: Their class.
-        zone: The zone, `outside` of all zones, or empty: the site.
-        count: Number of road users that were there for a frame or more.
-        speed_mean_m_s: Mean over the road users of the mean speed of each while it was there.
-        speed_max_m_s: The highest speed of one of them in one frame.
-    """
-
-    class_name: str
-    zone: str
-    count: int
-    speed_mean_m_s: float
-    speed_max_m_s: float
+    class_name: str  # Their class
+    zone: str  # The zone, `outside` of all zones, or empty: the site
+    count: int  # Number of road users that were there for a frame or more
+    speed_mean_m_s: float  # Mean over the road users of the mean speed of each while it was there
+    speed_max_m_s: float  # The highest speed of one of them in one frame
 
 
 @dataclass(frozen=True, slots=True)
 class ZoneChange:
-    """The road users of one class that were first in one zone and last in another; outside is no zone.
+    """The road users of one class that were first in one zone and last in another; outside is no zone."""
 
-    Attributes:
-        class_name: Their class.
-        from_zone: The first zone in which each was.
-        to_zone: The last.
-        count: Number of road users.
-        speed_mean_m_s: Mean over them of the mean speed of each in all frames.
-    """
-
-    class_name: str
-    from_zone: str
-    to_zone: str
-    count: int
-    speed_mean_m_s: float
+    class_name: str  # Their class
+    from_zone: str  # The first zone in which each was
+    to_zone: str  # The last
+    count: int  # Number of road users
+    speed_mean_m_s: float  # Mean over them of the mean speed of each in all frames
 
 
 @dataclass(frozen=True, slots=True)
 class RoadUsers:
-    """The road users of a run.
+    """The road users of a run."""
 
-    Attributes:
-        counts: By class, of each zone where there were any, then of the site.
-        changes: By class, by the zone they came from, by the zone they went to.
-    """
-
-    counts: tuple[RoadUserCount, ...]
-    changes: tuple[ZoneChange, ...]
+    counts: tuple[RoadUserCount, ...]  # By class, of each zone where there were any, then of the site
+    changes: tuple[ZoneChange, ...]  # By class, by the zone they came from, by the zone they went to
 
     __repr__ = brief
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoadUserTable:
-    """Each road user of a run, in the order in which they came.
+    """Each road user of a run, in the order in which they came."""
 
-    Attributes:
-        class_ids: (N,) int64, row of the configured classes.
-        places: Names of the places: what is outside of all zones (empty where there are none), then the zones.
-        frames: (N, P) int32, frames in which each was in each place.
-        seconds: (N, P) float64, how long.
-        speed_means: (N,) float64, mean speed of each over all its frames, m/s.
-        speed_maxima: (N,) float64, highest speed of each in one frame, m/s.
-        first_zones: (N,) int32, column of the first zone in which each was; 0: it was in none.
-        last_zones: (N,) int32, column of the last.
-    """
-
-    class_ids: I64
+    class_ids: I64  # (N,) int64, row of the configured classes
+    # Names of the places: what is outside of all zones (empty where there are none), then the zones
     places: tuple[str, ...]
-    frames: I32
-    seconds: F64
-    speed_means: F64
-    speed_maxima: F64
-    first_zones: I32
-    last_zones: I32
+    frames: I32  # (N, P) int32, frames in which each was in each place
+    seconds: F64  # (N, P) float64, how long
+    speed_means: F64  # (N,) float64, mean speed of each over all its frames, m/s
+    speed_maxima: F64  # (N,) float64, highest speed of each in one frame, m/s
+    first_zones: I32  # (N,) int32, column of the first zone in which each was; 0: it was in none
+    last_zones: I32  # (N,) int32, column of the last
 
     def __len__(self) -> int:
         return len(self.class_ids)

@@ -18,21 +18,13 @@ MAX_GAP_FRAMES = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _TrackedBoxes:
-    """Boxes that have a track, in the order of time.
+    """Boxes that have a track, in the order of time."""
 
-    Attributes:
-        tracks: (N,) int64.
-        frames: (N,) int64.
-        stamps_ns: (N,) int64.
-        yaws: (N,) float64.
-        class_ids: (N,) int64.
-    """
-
-    tracks: I64
-    frames: I64
-    stamps_ns: I64
-    yaws: F64
-    class_ids: I64
+    tracks: I64  # (N,) int64
+    frames: I64  # (N,) int64
+    stamps_ns: I64  # (N,) int64
+    yaws: F64  # (N,) float64
+    class_ids: I64  # (N,) int64
 
 
 class UnlabelledEvaluation:

@@ -29,19 +29,12 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Limits(Generic[F]):
-    """Limits of the frames in work.
+    """Limits of the frames in work."""
 
-    Attributes:
-        workers: Number of processes, the one that reads included.
-        frames: Largest number of frames in work.
-        weigh: Weight of a frame.
-        weight: Largest weight of all frames in work; a heavier one is in work alone.
-    """
-
-    workers: int
-    frames: int
-    weigh: Callable[[F], float] = lambda _: 0.0
-    weight: float = 0.0
+    workers: int  # Number of processes, the one that reads included
+    frames: int  # Largest number of frames in work
+    weigh: Callable[[F], float] = lambda _: 0.0  # Weight of a frame
+    weight: float = 0.0  # Largest weight of all frames in work; a heavier one is in work alone
 
 
 def run_parallel(

@@ -68,17 +68,11 @@ class Failure:
 
 
 class Setup(NamedTuple):
-    """The first message to a process.
+    """The first message to a process."""
 
-    Attributes:
-        make_graph: Makes the stages of the process that reads the frames anew, in the same order.
-        handed: Names of the stages whose outputs are wanted.
-        log_levels: See `log_levels`.
-    """
-
-    make_graph: MakeGraph
-    handed: tuple[str, ...]
-    log_levels: Mapping[str, int]
+    make_graph: MakeGraph  # Makes the stages of the process that reads the frames anew, in the same order
+    handed: tuple[str, ...]  # Names of the stages whose outputs are wanted
+    log_levels: Mapping[str, int]  # See `log_levels`
 
 
 class Ready(NamedTuple):

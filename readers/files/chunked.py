@@ -40,23 +40,14 @@ class Entry(NamedTuple):
 
 
 class ChunkPlace(NamedTuple):
-    """A chunk before it is read; sorts among entries by the time of its first message.
+    """A chunk before it is read; sorts among entries by the time of its first message."""
 
-    Attributes:
-        start_ns: Log time of its first message.
-        position: Its first byte in the file.
-        end_ns: Log time of its last message (inclusive).
-        channel_ids: Channels in it; empty if unknown.
-        size: Its size in the file, in bytes.
-        messages: Number of messages in it; None if unknown.
-    """
-
-    start_ns: int
-    position: int
-    end_ns: int
-    channel_ids: frozenset[int]
-    size: int
-    messages: int | None = None
+    start_ns: int  # Log time of its first message
+    position: int  # Its first byte in the file
+    end_ns: int  # Log time of its last message (inclusive)
+    channel_ids: frozenset[int]  # Channels in it; empty if unknown
+    size: int  # Its size in the file, in bytes
+    messages: int | None = None  # Number of messages in it; None if unknown
 
 
 class ChunkedFile(Container):

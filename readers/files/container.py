@@ -15,21 +15,13 @@ LARGE_BYTES = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One file of a recording, whatever its format.
+    """One file of a recording, whatever its format."""
 
-    Attributes:
-        path: The file as messages name it.
-        index: Its place in the recording.
-        options: How it is read.
-        losses: Collects its damage.
-        metadata: Content of the metadata.yaml in its folder.
-    """
-
-    path: Location
-    index: int
-    options: ReadOptions
-    losses: Losses
-    metadata: FolderMetadata = field(default_factory=FolderMetadata)
+    path: Location  # The file as messages name it
+    index: int  # Its place in the recording
+    options: ReadOptions  # How it is read
+    losses: Losses  # Collects its damage
+    metadata: FolderMetadata = field(default_factory=FolderMetadata)  # Content of the metadata.yaml in its folder
 
 
 class Container(ABC):

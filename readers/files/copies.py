@@ -56,19 +56,12 @@ def unpacked(
 
 
 class PageCount(NamedTuple):
-    """Pages of a database (https://www.sqlite.org/fileformat2.html).
+    """Pages of a database (https://www.sqlite.org/fileformat2.html)."""
 
-    Attributes:
-        page_bytes: Size of a page in bytes.
-        whole: Whole pages that the file has.
-        expected: Pages that it should have; 0 if an old SQLite wrote it, which did not count them.
-        rest: Bytes of the file behind the last whole page.
-    """
-
-    page_bytes: int
-    whole: int
-    expected: int
-    rest: int
+    page_bytes: int  # Size of a page in bytes
+    whole: int  # Whole pages that the file has
+    expected: int  # Pages that it should have; 0 if an old SQLite wrote it, which did not count them
+    rest: int  # Bytes of the file behind the last whole page
 
 
 def count_pages(stream: BinaryIO) -> PageCount:

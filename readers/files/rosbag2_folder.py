@@ -19,17 +19,11 @@ MAX_LISTED = 10
 
 @dataclass(frozen=True, slots=True)
 class FolderMetadata:
-    """The part of metadata.yaml that is not in the files themselves.
+    """The part of metadata.yaml that is not in the files themselves."""
 
-    Attributes:
-        file_names: The files in recording order.
-        message_compression: Whether each message is compressed with zstd.
-        distro: Name of the ROS 2 release, or empty.
-    """
-
-    file_names: tuple[str, ...] = ()
-    message_compression: bool = False
-    distro: str = ""
+    file_names: tuple[str, ...] = ()  # The files in recording order
+    message_compression: bool = False  # Whether each message is compressed with zstd
+    distro: str = ""  # Name of the ROS 2 release, or empty
 
 
 def unlisted_files(folder: Path) -> tuple[Path, ...]:

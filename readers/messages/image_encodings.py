@@ -24,21 +24,13 @@ from lidcam.pipeline.core.settings.recording import LimitsConfig
 
 
 class PackedEncoding(NamedTuple):
-    """An encoding with all values of a pixel side by side.
+    """An encoding with all values of a pixel side by side."""
 
-    Attributes:
-        channels: Values per pixel.
-        depth_bytes: Bytes per value, 1 or 2.
-        conversion: OpenCV's name for the conversion to RGB; None for RGB itself.
-        mosaic: Whether each pixel has only one colour.
-        pixels_per_group: Pixels that share values; the width is a multiple of it.
-    """
-
-    channels: int
-    depth_bytes: int
-    conversion: str | None
-    mosaic: bool = False
-    pixels_per_group: int = 1
+    channels: int  # Values per pixel
+    depth_bytes: int  # Bytes per value, 1 or 2
+    conversion: str | None  # OpenCV's name for the conversion to RGB; None for RGB itself
+    mosaic: bool = False  # Whether each pixel has only one colour
+    pixels_per_group: int = 1  # Pixels that share values; the width is a multiple of it
 
 
 def _packed_encodings() -> dict[str, PackedEncoding]:

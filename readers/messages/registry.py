@@ -15,15 +15,10 @@ Kind = Literal[
 
 
 class MessageType(NamedTuple):
-    """A type that lidcam reads.
+    """A type that lidcam reads."""
 
-    Attributes:
-        kind: Content of its messages.
-        decoder: `module:function`; the module alone where no function of a message is enough, as for videos.
-    """
-
-    kind: Kind
-    decoder: str
+    kind: Kind  # Content of its messages
+    decoder: str  # `module:function`; the module alone where no function of a message is enough, as for videos
 
 
 TYPES: dict[str, MessageType] = {

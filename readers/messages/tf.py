@@ -50,18 +50,13 @@ QUATERNION_TOLERANCE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class RecordedTransforms:
-    """The recorded transforms between frames.
+    """The recorded transforms between frames."""
 
-    Attributes:
-        fixed: Transforms that do not change.
-        moving: Parent by child, for frames that move.
-        faults: Fault of a frame's recorded transform, by child; such transforms are not used.
-        drops: The first message of each topic that could not be decoded, and how many there were.
-    """
-
-    fixed: TransformTree
-    moving: Mapping[str, str] = field(default_factory=dict)
+    fixed: TransformTree  # Transforms that do not change
+    moving: Mapping[str, str] = field(default_factory=dict)  # Parent by child, for frames that move
+    # Fault of a frame's recorded transform, by child; such transforms are not used
     faults: Mapping[str, str] = field(default_factory=dict)
+    # The first message of each topic that could not be decoded, and how many there were
     drops: tuple[tuple[Drop, int], ...] = ()
 
     def lookup(self, dst: str, src: str) -> Transform:

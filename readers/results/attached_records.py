@@ -34,15 +34,10 @@ _MAGIC = b"\x89MCAP0\r\n"
 
 @dataclass(frozen=True, slots=True)
 class AttachedRecords:
-    """The records of a result.
+    """The records of a result."""
 
-    Attributes:
-        metadata: Version of lidcam, inputs, and hashes.
-        texts: Attached texts by name.
-    """
-
-    metadata: Mapping[str, str]
-    texts: Mapping[str, str]
+    metadata: Mapping[str, str]  # Version of lidcam, inputs, and hashes
+    texts: Mapping[str, str]  # Attached texts by name
 
 
 def read_records(path: Path) -> AttachedRecords:

@@ -23,21 +23,13 @@ MAX_LISTED = 10
 
 @dataclass(frozen=True, slots=True)
 class Discovery:
-    """A rig and where it was found.
+    """A rig and where it was found."""
 
-    Attributes:
-        rig: Sensors with a valid calibration.
-        faults: Sensors that are left out.
-        sources: One per sensor of the rig: lidars, recorded 3D detectors, cameras.
-        notes: Topics that are not used, and topics that were assigned by order.
-        transforms: Transforms of the recording.
-    """
-
-    rig: Rig
-    faults: tuple[SensorFault, ...]
-    sources: tuple[SensorSource, ...]
-    notes: tuple[str, ...]
-    transforms: RecordedTransforms = field(repr=False)
+    rig: Rig  # Sensors with a valid calibration
+    faults: tuple[SensorFault, ...]  # Sensors that are left out
+    sources: tuple[SensorSource, ...]  # One per sensor of the rig: lidars, recorded 3D detectors, cameras
+    notes: tuple[str, ...]  # Topics that are not used, and topics that were assigned by order
+    transforms: RecordedTransforms = field(repr=False)  # Transforms of the recording
 
 
 def discover_rig(

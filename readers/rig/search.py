@@ -41,38 +41,24 @@ MAX_LISTED = 10
 
 
 class FoundSensors(NamedTuple):
-    """The sensors of a recording and what is known of them.
+    """The sensors of a recording and what is known of them."""
 
-    Attributes:
-        recording: The open recording.
-        rig_file: The rig file; empty without one.
-        first: First messages of the recording.
-        transforms: Transforms of the rig file and the recording.
-        of_rig: Child frames whose transform the rig file gives.
-        lidars: Lidars in the order of processing; so are the cameras.
-        detectors: Topics of recorded 3D boxes.
-        named: Frame by name of a lidar whose messages can be decoded; empty if neither they nor the rig name one.
-        frames: Frame by name of a lidar, found by its name in tf where it has none.
-        site: The site frame.
-        is_site_named: Whether the settings or the rig name the site frame.
-        findings: Faults and notes of lidars, of 3D boxes, of cameras.
-    """
-
-    recording: Recording
-    rig_file: RigFile
-    first: FirstMessages
-    transforms: RecordedTransforms
-    of_rig: frozenset[str]
-    lidars: Sequence[AssignedLidar]
+    recording: Recording  # The open recording
+    rig_file: RigFile  # The rig file; empty without one
+    first: FirstMessages  # First messages of the recording
+    transforms: RecordedTransforms  # Transforms of the rig file and the recording
+    of_rig: frozenset[str]  # Child frames whose transform the rig file gives
+    lidars: Sequence[AssignedLidar]  # Lidars in the order of processing; so are the cameras
     cameras: Sequence[AssignedCamera]
-    detectors: Sequence[str]
+    detectors: Sequence[str]  # Topics of recorded 3D boxes
     config: Config
+    # Frame by name of a lidar whose messages can be decoded; empty if neither they nor the rig name one
     named: Mapping[str, str]
-    frames: Mapping[str, str]
-    site: str
-    is_site_named: bool
+    frames: Mapping[str, str]  # Frame by name of a lidar, found by its name in tf where it has none
+    site: str  # The site frame
+    is_site_named: bool  # Whether the settings or the rig name the site frame
     zones: tuple[Zone, ...]
-    findings: tuple[Findings, Findings, Findings]
+    findings: tuple[Findings, Findings, Findings]  # Faults and notes of lidars, of 3D boxes, of cameras
 
 
 def find_sensors(

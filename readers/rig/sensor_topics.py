@@ -43,15 +43,10 @@ class SensorFault:
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """Findings of the search for sensors.
+    """Findings of the search for sensors."""
 
-    Attributes:
-        faults: Sensors that are left out.
-        notes: Topics that are not used, and topics that were assigned by order.
-    """
-
-    faults: list[SensorFault] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    faults: list[SensorFault] = field(default_factory=list)  # Sensors that are left out
+    notes: list[str] = field(default_factory=list)  # Topics that are not used, and topics that were assigned by order
 
     def copy(self) -> "Findings":
         """The same findings, to which others can be added."""

@@ -42,19 +42,13 @@ FIXED_FRAMES = ("odom", "map", "world", "earth")
 
 
 class MotionSource(NamedTuple):
-    """The source of the site frame's poses.
+    """The source of the site frame's poses."""
 
-    Attributes:
-        topics: Topics of odometry or of transforms.
-        frame_id: The site frame.
-        fixed_frame_id: The frame that it moves in.
-        links: The chain from the site frame to the fixed frame, the site frame's own link first: a transform where it
-            is static, else the name of the frame that moves in its parent.
-    """
-
-    topics: tuple[str, ...]
-    frame_id: str
-    fixed_frame_id: str
+    topics: tuple[str, ...]  # Topics of odometry or of transforms
+    frame_id: str  # The site frame
+    fixed_frame_id: str  # The frame that it moves in
+    # The chain from the site frame to the fixed frame, the site frame's own link first: a transform where it is static,
+    # else the name of the frame that moves in its parent
     links: tuple[Transform | str, ...]
 
 

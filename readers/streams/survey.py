@@ -25,29 +25,18 @@ those of sensors are, even with losses; events and transforms of several senders
 
 @dataclass(frozen=True, slots=True)
 class TopicSurvey:
-    """Statistics of one topic.
+    """Statistics of one topic."""
 
-    Attributes:
-        topic: Topic name.
-        msgtype: Type name.
-        count: Number of messages.
-        rate_hz: 1 / median period of evenly spaced stamps, else 1 / mean period; 0 with fewer than two stamps.
-        gaps: Number of pauses longer than 2.5 periods; 0 if the stamps are not evenly spaced.
-        longest_gap_s: Longest pause between two stamps.
-        delay_s: Median of log time minus stamp: how late the messages were recorded.
-        backwards: Number of messages whose stamp lies before that of the one recorded before.
-        problem: Why its messages cannot be read, or what is wrong with its definition or its stamps; else empty.
-            Stamps and log times that cannot be times are in none of the figures.
-    """
-
-    topic: str
-    msgtype: str
-    count: int
-    rate_hz: float
-    gaps: int
-    longest_gap_s: float
-    delay_s: float
-    backwards: int
+    topic: str  # Topic name
+    msgtype: str  # Type name
+    count: int  # Number of messages
+    rate_hz: float  # 1 / median period of evenly spaced stamps, else 1 / mean period; 0 with fewer than two stamps
+    gaps: int  # Number of pauses longer than 2.5 periods; 0 if the stamps are not evenly spaced
+    longest_gap_s: float  # Longest pause between two stamps
+    delay_s: float  # Median of log time minus stamp: how late the messages were recorded
+    backwards: int  # Number of messages whose stamp lies before that of the one recorded before
+    # Why its messages cannot be read, or what is wrong with its definition or its stamps; else empty. Stamps and log
+    # times that cannot be times are in none of the figures
     problem: str = ""
 
 

@@ -13,16 +13,11 @@ from lidcam.readers.natural_order import natural_key
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Labelled:
-    """One object in 3D: see `TruthBoxes3D`.
-
-    Attributes:
-        T_frame_box: (4, 4) pose of the centre of its box.
-        size_m: Length, width, height.
-    """
+    """One object in 3D: see `TruthBoxes3D`."""
 
     label: str
-    T_frame_box: F64
-    size_m: tuple[float, float, float]
+    T_frame_box: F64  # (4, 4) pose of the centre of its box
+    size_m: tuple[float, float, float]  # Length, width, height
     track_id: int = UNKNOWN
     is_ignored: bool = False
 

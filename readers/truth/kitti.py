@@ -57,28 +57,17 @@ _LEVELS: Final = {"easy": (40.0, 0, 0.15), "moderate": (25.0, 1, 0.30), "hard": 
 
 @dataclass(frozen=True, slots=True)
 class KittiLabel:
-    """One line of a label file.
-
-    Attributes:
-        truncated: Share of the object outside the image.
-        occluded: 0 visible, 1 partly hidden, 2 largely hidden, 3 unknown.
-        xyxy: Left, top, right, bottom, pixels.
-        size_m: Length, width, height.
-        bottom_m: Middle of the bottom in the rectified frame of camera 0.
-        rotation_y: Heading about its y axis, radians.
-        frame: Number of the frame; 0 in the object benchmark.
-        track_id: Number of the object; `UNKNOWN` in the object benchmark.
-    """
+    """One line of a label file."""
 
     label: str
-    truncated: float
-    occluded: int
-    xyxy: tuple[float, float, float, float]
-    size_m: tuple[float, float, float]
-    bottom_m: tuple[float, float, float]
-    rotation_y: float
-    frame: int = 0
-    track_id: int = UNKNOWN
+    truncated: float  # Share of the object outside the image
+    occluded: int  # 0 visible, 1 partly hidden, 2 largely hidden, 3 unknown
+    xyxy: tuple[float, float, float, float]  # Left, top, right, bottom, pixels
+    size_m: tuple[float, float, float]  # Length, width, height
+    bottom_m: tuple[float, float, float]  # Middle of the bottom in the rectified frame of camera 0
+    rotation_y: float  # Heading about its y axis, radians
+    frame: int = 0  # Number of the frame; 0 in the object benchmark
+    track_id: int = UNKNOWN  # Number of the object; `UNKNOWN` in the object benchmark
 
     def T_rect_box(self) -> F64:
         """(4, 4) pose of the centre of the box: x forward along its length, y left, z up."""

@@ -19,14 +19,10 @@ STEP_BACK_NS = 2_000_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moment:
-    """True objects at one moment.
+    """True objects at one moment."""
 
-    Attributes:
-        boxes: The objects.
-        camera_pixels: (N,) int32 by camera, pixels of its image that show each object; `UNKNOWN` where not counted.
-    """
-
-    boxes: TruthBoxes3D
+    boxes: TruthBoxes3D  # The objects
+    # (N,) int32 by camera, pixels of its image that show each object; `UNKNOWN` where not counted
     camera_pixels: Mapping[str, I32] = field(default_factory=dict)
 
     @property

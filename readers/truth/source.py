@@ -12,12 +12,9 @@ class TruthSource(ABC):
 
     Sources are read once, from the beginning to the end: the stamps that they are asked for rise, apart from steps
     back of at most `STEP_BACK_NS`, and memory does not grow with the length of the truth.
-
-    Attributes:
-        description: Which truth this is, for the user: `/ground_truth/objects of crossing.mcap`.
     """
 
-    description: str
+    description: str  # Which truth this is, for the user: `/ground_truth/objects of crossing.mcap`
 
     @property
     @abstractmethod

@@ -15,19 +15,12 @@ WHEN_MEASURED = "_when_measured"
 
 
 class TruthTopics(NamedTuple):
-    """The topics of one truth.
+    """The topics of one truth."""
 
-    Attributes:
-        objects: Objects at their stamp.
-        when_measured: The same objects where the lidars measured them; empty if that was not recorded.
-        visible: Boxes of what each image shows: one topic for each camera.
-        why: Why this is the truth, for the user.
-    """
-
-    objects: str
-    when_measured: str
-    visible: tuple[str, ...]
-    why: str
+    objects: str  # Objects at their stamp
+    when_measured: str  # The same objects where the lidars measured them; empty if that was not recorded
+    visible: tuple[str, ...]  # Boxes of what each image shows: one topic for each camera
+    why: str  # Why this is the truth, for the user
 
 
 def find_truth_topics(

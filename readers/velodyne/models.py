@@ -21,27 +21,16 @@ BLOCK_FLAGS = (0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF)
 
 
 class RangeCorrections(NamedTuple):
-    """Corrections to an HDL-64E's ranges and reflectivities, by laser id (manual 63-HDL64ES3, appendix E).
+    """Corrections to an HDL-64E's ranges and reflectivities, by laser id (manual 63-HDL64ES3, appendix E)."""
 
-    Attributes:
-        far_m: (L,) added to ranges, measured at 25.04 m (`dist_correction`).
-        near_x_m: (L,) the same at 2.40 m to the side; zero if not measured.
-        near_y_m: (L,) the same at 1.93 m ahead; zero if not measured.
-        horizontal_offset_m: (L,) of the beam from the axis.
-        focal_distance: (L,) in units of the reflectivity formula.
-        focal_slope: (L,) in units of the reflectivity formula.
-        min_intensity: (L,) lowest reflectivity reported.
-        max_intensity: (L,) highest reflectivity reported.
-    """
-
-    far_m: F64
-    near_x_m: F64
-    near_y_m: F64
-    horizontal_offset_m: F64
-    focal_distance: F64
-    focal_slope: F64
-    min_intensity: F64
-    max_intensity: F64
+    far_m: F64  # (L,) added to ranges, measured at 25.04 m (`dist_correction`)
+    near_x_m: F64  # (L,) the same at 2.40 m to the side; zero if not measured
+    near_y_m: F64  # (L,) the same at 1.93 m ahead; zero if not measured
+    horizontal_offset_m: F64  # (L,) of the beam from the axis
+    focal_distance: F64  # (L,) in units of the reflectivity formula
+    focal_slope: F64  # (L,) in units of the reflectivity formula
+    min_intensity: F64  # (L,) lowest reflectivity reported
+    max_intensity: F64  # (L,) highest reflectivity reported
 
     @property
     def any_set(self) -> bool:
@@ -51,19 +40,12 @@ class RangeCorrections(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserTable:
-    """Directions of the lasers of one unit, by laser id.
+    """Directions of the lasers of one unit, by laser id."""
 
-    Attributes:
-        elevation_rad: (L,) above the horizon.
-        azimuth_offset_rad: (L,) subtracted from the azimuth of the firing.
-        vertical_offset_m: (L,) added to z: the beams cross in front of the axis, not on it.
-        corrections: Corrections of ranges; None for all but the HDL-64E.
-    """
-
-    elevation_rad: F64
-    azimuth_offset_rad: F64
-    vertical_offset_m: F64
-    corrections: RangeCorrections | None = None
+    elevation_rad: F64  # (L,) above the horizon
+    azimuth_offset_rad: F64  # (L,) subtracted from the azimuth of the firing
+    vertical_offset_m: F64  # (L,) added to z: the beams cross in front of the axis, not on it
+    corrections: RangeCorrections | None = None  # Corrections of ranges; None for all but the HDL-64E
 
     def __post_init__(self) -> None:
         shape = (len(self.elevation_rad),)
@@ -82,27 +64,16 @@ class LaserTable:
 
 
 class VelodyneModel(NamedTuple):
-    """Constants of one model.
+    """Constants of one model."""
 
-    Attributes:
-        name: Name in the settings.
-        product: Factory byte 1205 of its packets; None if that byte is something else.
-        banks: Blocks of one column: one per 32 lasers.
-        range_step_m: One unit of range, by the packet format.
-        column_us: Time from one column to the next.
-        slot_us: Time of each of the 32 ranges of a block since its column began, by bank.
-        first_us: Time of the first firing since the packet's own time.
-        lasers: Number of lasers; with 16, a block holds two firings of all.
-    """
-
-    name: str
-    product: int | None
-    banks: int
-    range_step_m: float
-    column_us: float
-    slot_us: tuple[tuple[float, ...], ...]
-    first_us: float = 0.0
-    lasers: int = 32
+    name: str  # Name in the settings
+    product: int | None  # Factory byte 1205 of its packets; None if that byte is something else
+    banks: int  # Blocks of one column: one per 32 lasers
+    range_step_m: float  # One unit of range, by the packet format
+    column_us: float  # Time from one column to the next
+    slot_us: tuple[tuple[float, ...], ...]  # Time of each of the 32 ranges of a block since its column began, by bank
+    first_us: float = 0.0  # Time of the first firing since the packet's own time
+    lasers: int = 32  # Number of lasers; with 16, a block holds two firings of all
 
     @property
     def columns(self) -> int:

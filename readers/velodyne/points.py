@@ -20,19 +20,12 @@ FAR_M, NEAR_X_M, NEAR_Y_M = 25.04, 2.40, 1.93
 
 
 class Layout(NamedTuple):
-    """The order of the blocks in a packet.
+    """The order of the blocks in a packet."""
 
-    Attributes:
-        columns: Number of columns.
-        banks: Number of banks.
-        returns: Types of the returns of a firing, in the order of their blocks.
-        apart: Blocks from a return to the next one of the same firing.
-    """
-
-    columns: int
-    banks: int
-    returns: tuple[int, ...]
-    apart: int = 1
+    columns: int  # Number of columns
+    banks: int  # Number of banks
+    returns: tuple[int, ...]  # Types of the returns of a firing, in the order of their blocks
+    apart: int = 1  # Blocks from a return to the next one of the same firing
 
     @property
     def blocks(self) -> int:

@@ -38,17 +38,11 @@ _CDR_LITTLE_ENDIAN = b"\0\1\0\0"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VelodynePackets:
-    """The packets of one scan in recorded order.
+    """The packets of one scan in recorded order."""
 
-    Attributes:
-        frame_id: Frame that the scan names.
-        stamps_ns: (P,) int64, the driver's time of each packet, of measurement or of arrival.
-        payload: (P, 1206) uint8, the bytes from the sensor; a view whose packets need not follow each other.
-    """
-
-    frame_id: str
-    stamps_ns: I64
-    payload: U8
+    frame_id: str  # Frame that the scan names
+    stamps_ns: I64  # (P,) int64, the driver's time of each packet, of measurement or of arrival
+    payload: U8  # (P, 1206) uint8, the bytes from the sensor; a view whose packets need not follow each other
 
     def __len__(self) -> int:
         return len(self.stamps_ns)

@@ -50,19 +50,12 @@ _TEMPORAL_DELIMITER, _SEQUENCE_HEADER = b"\x12\x00", 1
 
 
 class VideoPacket(NamedTuple):
-    """One packet of a video.
+    """One packet of a video."""
 
-    Attributes:
-        codec: `h264`, `hevc`, `vp9`, `av1`, `vp8`, `mpeg4` or `mjpeg`.
-        data: Its bytes.
-        is_key: Whether decoding can begin with it.
-        frame_id: Camera optical frame.
-    """
-
-    codec: str
-    data: U8
-    is_key: bool
-    frame_id: str
+    codec: str  # `h264`, `hevc`, `vp9`, `av1`, `vp8`, `mpeg4` or `mjpeg`
+    data: U8  # Its bytes
+    is_key: bool  # Whether decoding can begin with it
+    frame_id: str  # Camera optical frame
 
 
 def missing_decoder() -> str:

@@ -21,27 +21,16 @@ JPEG_QUALITY = 95
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DatasetBoxes(Table):
-    """N boxes of a frame in the site frame.
+    """N boxes of a frame in the site frame."""
 
-    Attributes:
-        names: (N,) str, in a writer's own words, or those of the settings.
-        centers: (N, 3) float64, box centre x, y, z in metres.
-        sizes: (N, 3) float64, length, width, height in metres.
-        yaws: (N,) float64, radians about +z in (-pi, pi].
-        scores: (N,) float32 in [0, 1]; 1 of true objects.
-        tracks: (N,) int64, the same for the same object in all frames; -1 where there is none.
-        velocities: (N, 2) float64, over the ground, along x and y, m/s; NaN where it is not known.
-        point_counts: (N,) int32, lidar points in the box; -1 where nobody counted.
-    """
-
-    names: npt.NDArray[np.str_]
-    centers: F64
-    sizes: F64
-    yaws: F64
-    scores: F32
-    tracks: I64
-    velocities: F64
-    point_counts: I32
+    names: npt.NDArray[np.str_]  # (N,) str, in a writer's own words, or those of the settings
+    centers: F64  # (N, 3) float64, box centre x, y, z in metres
+    sizes: F64  # (N, 3) float64, length, width, height in metres
+    yaws: F64  # (N,) float64, radians about +z in (-pi, pi]
+    scores: F32  # (N,) float32 in [0, 1]; 1 of true objects
+    tracks: I64  # (N,) int64, the same for the same object in all frames; -1 where there is none
+    velocities: F64  # (N, 2) float64, over the ground, along x and y, m/s; NaN where it is not known
+    point_counts: I32  # (N,) int32, lidar points in the box; -1 where nobody counted
 
     def __post_init__(self) -> None:
         n = len(self.names)
@@ -56,75 +45,44 @@ class DatasetBoxes(Table):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DatasetScene:
-    """What the frames of one result have in common.
+    """What the frames of one result have in common."""
 
-    Attributes:
-        name: Of the result, without ending.
-        origin: Text that no other result has, for identifiers.
-        rig: Its sensors.
-        cameras: Those whose images it has.
-        T_site_cloud: (4, 4) float64, the frame of the clouds: of the only lidar, else the site frame.
-        cloud_frame_id: Name of that frame.
-    """
-
-    name: str
-    origin: str
-    rig: Rig
-    cameras: tuple[CameraSensor, ...]
-    T_site_cloud: F64
-    cloud_frame_id: str
+    name: str  # Of the result, without ending
+    origin: str  # Text that no other result has, for identifiers
+    rig: Rig  # Its sensors
+    cameras: tuple[CameraSensor, ...]  # Those whose images it has
+    T_site_cloud: F64  # (4, 4) float64, the frame of the clouds: of the only lidar, else the site frame
+    cloud_frame_id: str  # Name of that frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DatasetImage:
-    """One image.
+    """One image."""
 
-    Attributes:
-        stamp_ns: Its time.
-        rgb: (H, W, 3) uint8, red first, without distortion.
-        T_fixed_site: (4, 4) float64, as of `DatasetFrame`, at its time.
-    """
-
-    stamp_ns: int
-    rgb: U8
-    T_fixed_site: F64 | None
+    stamp_ns: int  # Its time
+    rgb: U8  # (H, W, 3) uint8, red first, without distortion
+    T_fixed_site: F64 | None  # (4, 4) float64, as of `DatasetFrame`, at its time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DatasetFrame:
-    """One frame.
+    """One frame."""
 
-    Attributes:
-        index: Its number in the result, from 0.
-        stamp_ns: Its time.
-        T_fixed_site: (4, 4) float64, where the site frame is in a frame that does not move; None if not known.
-        cloud: The points in the scene's frame of clouds, intensity from 0 to 1; None without.
-        images: By camera.
-        objects: What lidcam found.
-        truth: The true objects; None if they are not known.
-    """
-
-    index: int
-    stamp_ns: int
-    T_fixed_site: F64 | None
-    cloud: PointCloud | None
-    images: Mapping[str, DatasetImage]
-    objects: DatasetBoxes
-    truth: DatasetBoxes | None
+    index: int  # Its number in the result, from 0
+    stamp_ns: int  # Its time
+    T_fixed_site: F64 | None  # (4, 4) float64, where the site frame is in a frame that does not move; None if not known
+    cloud: PointCloud | None  # The points in the scene's frame of clouds, intensity from 0 to 1; None without
+    images: Mapping[str, DatasetImage]  # By camera
+    objects: DatasetBoxes  # What lidcam found
+    truth: DatasetBoxes | None  # The true objects; None if they are not known
 
 
 class DatasetWriter(Protocol):
-    """Writes scenes into a folder.
+    """Writes scenes into a folder."""
 
-    Attributes:
-        names: Name of a class in this format, by words for it in lower case.
-        left_out: How many objects and frames could not be written, by reason.
-        remarks: What the user should know, a line each.
-    """
-
-    names: Mapping[str, str]
-    left_out: Counter[str]
-    remarks: list[str]
+    names: Mapping[str, str]  # Name of a class in this format, by words for it in lower case
+    left_out: Counter[str]  # How many objects and frames could not be written, by reason
+    remarks: list[str]  # What the user should know, a line each
 
     def begin(self, scene: DatasetScene) -> None:
         """Begin a scene, when the one before has ended.

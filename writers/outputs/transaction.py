@@ -21,15 +21,10 @@ FOUND = {
 
 @dataclass(frozen=True, slots=True)
 class OutputFile:
-    """One output while it is written.
+    """One output while it is written."""
 
-    Attributes:
-        path: Its name, for messages.
-        part: File or folder to write. It does not exist yet; its folder is this run's own.
-    """
-
-    path: Path
-    part: Path
+    path: Path  # Its name, for messages
+    part: Path  # File or folder to write. It does not exist yet; its folder is this run's own
 
     def write_text(self, text: str) -> None:
         """Write a text as the whole output.

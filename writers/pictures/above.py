@@ -31,19 +31,12 @@ _MARGIN, _LEAST_M = 1.1, 0.5
 
 
 class Area(NamedTuple):
-    """The part of the site that is shown.
+    """The part of the site that is shown."""
 
-    Attributes:
-        middle: (2,) metres, in the site frame.
-        axes: (2, 2) unit vectors in the site frame: to the right and ahead.
-        half_m: (2,) half its extent along them.
-        is_site: Whether sensors stand around it: then x is to the right, as on a map.
-    """
-
-    middle: F64
-    axes: F64
-    half_m: F64
-    is_site: bool
+    middle: F64  # (2,) metres, in the site frame
+    axes: F64  # (2, 2) unit vectors in the site frame: to the right and ahead
+    half_m: F64  # (2,) half its extent along them
+    is_site: bool  # Whether sensors stand around it: then x is to the right, as on a map
 
 
 def area_of(result: FrameResult, rig: Rig) -> Area | None:

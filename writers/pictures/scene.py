@@ -43,17 +43,11 @@ Drawn = tuple[U8, tuple[Drop, ...]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """What the pictures of a frame show.
+    """What the pictures of a frame show."""
 
-    Attributes:
-        frame: The frame.
-        trails: Of each of its objects (K, 3).
-        images: By camera, the frame whose image is shown: an earlier one where the camera is slow; those without are
-            left out.
-    """
-
-    frame: FrameResult
-    trails: list[F64]
+    frame: FrameResult  # The frame
+    trails: list[F64]  # Of each of its objects (K, 3)
+    # By camera, the frame whose image is shown: an earlier one where the camera is slow; those without are left out
     images: Mapping[str, FrameResult]
 
     __repr__ = brief

@@ -48,21 +48,13 @@ _SOURCES = {
 
 @dataclass(frozen=True, slots=True)
 class PageTable:
-    """A table of a page: cells are text, or HTML that is `Markup`.
+    """A table of a page: cells are text, or HTML that is `Markup`."""
 
-    Attributes:
-        head: Names of the columns.
-        rows: The cells; without rows there is no table.
-        words: Columns of words, which stand left; numbers stand right.
-        title: Its heading.
-        notes: Lines below it.
-    """
-
-    head: Sequence[str]
-    rows: Sequence[Sequence[object]]
-    words: Sequence[int] = (0,)
-    title: str = ""
-    notes: Sequence[str] = ()
+    head: Sequence[str]  # Names of the columns
+    rows: Sequence[Sequence[object]]  # The cells; without rows there is no table
+    words: Sequence[int] = (0,)  # Columns of words, which stand left; numbers stand right
+    title: str = ""  # Its heading
+    notes: Sequence[str] = ()  # Lines below it
 
 
 def page(figures: Mapping[str, Figure], **content: object) -> str:

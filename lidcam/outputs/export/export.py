@@ -20,21 +20,13 @@ DEFAULT = ExportOptions()
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What was exported.
+    """What was exported."""
 
-    Attributes:
-        frames: Number of frames that were read.
-        objects: Number of objects in them that the format can have.
-        true_objects: The same of the truth; None without truth.
-        remarks: What the user should know, a line each: what was left out, and why.
-        incomplete: Damaged parts of the results.
-    """
-
-    frames: int
-    objects: int
-    true_objects: int | None
-    remarks: tuple[str, ...]
-    incomplete: tuple[str, ...]
+    frames: int  # Number of frames that were read
+    objects: int  # Number of objects in them that the format can have
+    true_objects: int | None  # The same of the truth; None without truth
+    remarks: tuple[str, ...]  # What the user should know, a line each: what was left out, and why
+    incomplete: tuple[str, ...]  # Damaged parts of the results
 
 
 def export_results(

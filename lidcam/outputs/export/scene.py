@@ -41,19 +41,12 @@ FUSED = SOURCE_TOPICS["fused"]
 
 @dataclass(frozen=True, slots=True)
 class ExportOptions:
-    """What is exported.
+    """What is exported."""
 
-    Attributes:
-        confirmed: Whether only objects that a camera confirms are.
-        every: Step between exported frames.
-        camera: Name of the camera where a format has one; empty: the first with images.
-        truth: Recordings or labels with the truth; empty: the truth in the result.
-    """
-
-    confirmed: bool = False
-    every: int = 1
-    camera: str = ""
-    truth: tuple[Location, ...] = ()
+    confirmed: bool = False  # Whether only objects that a camera confirms are
+    every: int = 1  # Step between exported frames
+    camera: str = ""  # Name of the camera where a format has one; empty: the first with images
+    truth: tuple[Location, ...] = ()  # Recordings or labels with the truth; empty: the truth in the result
 
 
 class ResultScene:

@@ -85,17 +85,11 @@ class Image(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """The output of a head: values of N anchors, or cells, in rows along y; anchors of a cell follow each other.
+    """The output of a head: values of N anchors, or cells, in rows along y; anchors of a cell follow each other."""
 
-    Attributes:
-        classes: (N, C) log odds.
-        boxes: (N, ...) numbers of the boxes.
-        turns: (N, ...) log odds of the parts of a turn; empty: none.
-    """
-
-    classes: str
-    boxes: str
-    turns: str = ""
+    classes: str  # (N, C) log odds
+    boxes: str  # (N, ...) numbers of the boxes
+    turns: str = ""  # (N, ...) log odds of the parts of a turn; empty: none
 
 
 def add_network(graph: Graph, model: KitModel, weights: Weights) -> None:

@@ -70,68 +70,39 @@ class Backbone(SettingsModel):
 
 
 class Anchor(SettingsModel):
-    """A box in each cell of the output.
+    """A box in each cell of the output."""
 
-    Attributes:
-        low_m: Place of the first box along x and y; with `is_centred`, the corner of its cell.
-        high_m: Place of the last box, or the corner of its cell.
-        is_centred: Whether boxes stand in the middle of their cells.
-        z_m: Height of the middle of the box.
-        size_m: Length, width, height.
-        yaw_rad: Heading.
-    """
-
-    low_m: tuple[float, float]
-    high_m: tuple[float, float]
-    is_centred: bool
-    z_m: float
-    size_m: tuple[Positive, Positive, Positive]
-    yaw_rad: float
+    low_m: tuple[float, float]  # Place of the first box along x and y; with `is_centred`, the corner of its cell
+    high_m: tuple[float, float]  # Place of the last box, or the corner of its cell
+    is_centred: bool  # Whether boxes stand in the middle of their cells
+    z_m: float  # Height of the middle of the box
+    size_m: tuple[Positive, Positive, Positive]  # Length, width, height
+    yaw_rad: float  # Heading
 
 
 class AnchorHead(SettingsModel):
-    """Boxes as differences from the anchors of each cell.
-
-    Attributes:
-        code: Numbers of a box.
-        directions: Parts of a full turn that the network distinguishes; 0: none.
-        offset_rad: Heading at which the first part begins.
-        limit: Maximum distance of a heading before that, in parts.
-    """
+    """Boxes as differences from the anchors of each cell."""
 
     anchors: tuple[Anchor, ...]
-    code: int = 7
-    directions: int
-    offset_rad: float
-    limit: float
+    code: int = 7  # Numbers of a box
+    directions: int  # Parts of a full turn that the network distinguishes; 0: none
+    offset_rad: float  # Heading at which the first part begins
+    limit: float  # Maximum distance of a heading before that, in parts
 
 
 class CenterHead(SettingsModel):
-    """Boxes at the peaks of classes.
+    """Boxes at the peaks of classes."""
 
-    Attributes:
-        tasks: Classes of each group.
-        shared: Channels of the layer that all groups share.
-        width: Channels of the branches.
-        kernel: Kernel size of their convolutions.
-        heat_layers: Number of convolutions in the branch for classes.
-        branches: Outputs and convolutions of the other branches, by name.
-        has_bias: Whether convolutions before a normalisation have a bias.
-        sine_first: Whether the sine of the heading comes before its cosine.
-        eps: Epsilon of the normalisations.
-        stride: Pillars along each side of a cell.
-    """
-
-    tasks: tuple[tuple[str, ...], ...]
-    shared: int
-    width: int
-    kernel: int
-    heat_layers: int
-    branches: dict[str, tuple[int, int]]
-    has_bias: bool
-    sine_first: bool
-    eps: Positive = 1e-5
-    stride: int
+    tasks: tuple[tuple[str, ...], ...]  # Classes of each group
+    shared: int  # Channels of the layer that all groups share
+    width: int  # Channels of the branches
+    kernel: int  # Kernel size of their convolutions
+    heat_layers: int  # Number of convolutions in the branch for classes
+    branches: dict[str, tuple[int, int]]  # Outputs and convolutions of the other branches, by name
+    has_bias: bool  # Whether convolutions before a normalisation have a bias
+    sine_first: bool  # Whether the sine of the heading comes before its cosine
+    eps: Positive = 1e-5  # Epsilon of the normalisations
+    stride: int  # Pillars along each side of a cell
 
 
 class KitModel(NamedTuple):

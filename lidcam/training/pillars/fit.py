@@ -41,25 +41,16 @@ StepDone = Callable[[int, float], object]
 
 
 class Checkpoint(NamedTuple):
-    """File with the state of a training, and which training it is.
+    """File with the state of a training, and which training it is."""
 
-    Attributes:
-        path: The file, which is complete at any time.
-        worlds: Families of worlds; the saved state may have others with the same grid and classes.
-        seed: Number of the first world.
-        recordings: Labelled recordings to learn from; the saved state may have others.
-        has_worlds: Whether to learn from worlds as well.
-        begin: Network of `lidcam train pillars` to start from: a name of `EMBEDDED` or a path; empty: random weights.
-        bfloat16: Whether the network computes in bfloat16, which halves the time on processors that have it.
-    """
-
-    path: Path
-    worlds: Worlds
-    seed: int
-    recordings: Recordings | None = None
-    has_worlds: bool = True
+    path: Path  # The file, which is complete at any time
+    worlds: Worlds  # Families of worlds; the saved state may have others with the same grid and classes
+    seed: int  # Number of the first world
+    recordings: Recordings | None = None  # Labelled recordings to learn from; the saved state may have others
+    has_worlds: bool = True  # Whether to learn from worlds as well
+    # Network of `lidcam train pillars` to start from: a name of `EMBEDDED` or a path; empty: random weights
     begin: str = ""
-    bfloat16: bool = False
+    bfloat16: bool = False  # Whether the network computes in bfloat16, which halves the time on processors that have it
 
     @property
     def source(self) -> Source:

@@ -32,21 +32,13 @@ PRIOR = 1e-3
 
 
 class Judged(NamedTuple):
-    """The boxes of all sweeps, and how many objects they should find.
+    """The boxes of all sweeps, and how many objects they should find."""
 
-    Attributes:
-        log_odds: (N,)
-        classes: (N,) rows of `CLASSES`.
-        is_right: (N,)
-        errors: (N, 3) errors in x, y and heading of right boxes, metres and radians; NaN for others.
-        objects: (C,) number of objects with `MIN_POINTS` points or more within the grid.
-    """
-
-    log_odds: F64
-    classes: I64
-    is_right: Bools
-    errors: F64
-    objects: I64
+    log_odds: F64  # (N,)
+    classes: I64  # (N,) rows of `CLASSES`
+    is_right: Bools  # (N,)
+    errors: F64  # (N, 3) errors in x, y and heading of right boxes, metres and radians; NaN for others
+    objects: I64  # (C,) number of objects with `MIN_POINTS` points or more within the grid
 
 
 def judged_world(network: PillarNetwork, worlds: Worlds, number: int) -> Judged:

@@ -63,17 +63,11 @@ UNLABELLED = 0.999
 
 
 class Source(NamedTuple):
-    """Source of scenes.
+    """Source of scenes."""
 
-    Attributes:
-        worlds: Families of worlds, which set the grid and the classes.
-        recordings: Labelled recordings; None: worlds alone.
-        has_worlds: Whether half of the scenes come from worlds if there are recordings, instead of none.
-    """
-
-    worlds: Worlds
-    recordings: Recordings | None = None
-    has_worlds: bool = True
+    worlds: Worlds  # Families of worlds, which set the grid and the classes
+    recordings: Recordings | None = None  # Labelled recordings; None: worlds alone
+    has_worlds: bool = True  # Whether half of the scenes come from worlds if there are recordings, instead of none
 
     @property
     def text(self) -> str:
@@ -95,19 +89,12 @@ def family_of(worlds: Worlds, number: int) -> Family:
 
 
 class Targets(NamedTuple):
-    """The output that a network should give.
+    """The output that a network should give."""
 
-    Attributes:
-        heat: (C, H, W) float32, 1 where the centre of an object is.
-        cells: (K,) places in (H, W) where the box is learned.
-        numbers: (K, 8) float32 `BOX_NUMBERS` there.
-        weights: (K,) float32 how much each counts.
-    """
-
-    heat: F32
-    cells: I64
-    numbers: F32
-    weights: F32
+    heat: F32  # (C, H, W) float32, 1 where the centre of an object is
+    cells: I64  # (K,) places in (H, W) where the box is learned
+    numbers: F32  # (K, 8) float32 `BOX_NUMBERS` there
+    weights: F32  # (K,) float32 how much each counts
 
 
 class Scene(NamedTuple):

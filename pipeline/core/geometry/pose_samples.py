@@ -15,19 +15,12 @@ MAX_GAP_NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseSamples:
-    """Poses of a moving frame around one moment, for motion compensation.
+    """Poses of a moving frame around one moment, for motion compensation."""
 
-    Attributes:
-        frame_id: The frame that moves (the site or vehicle frame).
-        fixed_frame_id: The frame in which it moves (`odom`, `map`).
-        stamps_ns: (S,) int64, strictly increasing.
-        T_fixed_moving: (S, 4, 4) float64, pose of the moving frame at each stamp.
-    """
-
-    frame_id: str
-    fixed_frame_id: str
-    stamps_ns: I64
-    T_fixed_moving: F64
+    frame_id: str  # The frame that moves (the site or vehicle frame)
+    fixed_frame_id: str  # The frame in which it moves (`odom`, `map`)
+    stamps_ns: I64  # (S,) int64, strictly increasing
+    T_fixed_moving: F64  # (S, 4, 4) float64, pose of the moving frame at each stamp
 
     def __post_init__(self) -> None:
         n = len(self.stamps_ns)
@@ -56,16 +49,12 @@ class PoseSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdometryPose:
-    """Pose of the site frame at a frame's stamp, from the clouds, or recorded and corrected by them.
+    """Pose of the site frame at a frame's stamp, from the clouds, or recorded and corrected by them."""
 
-    Attributes:
-        T_fixed_site: (4, 4) float64, in the frame that the site frame was in the first cloud, or in the recorded fixed
-            frame at the start; metres.
-        is_predicted: Whether the cloud could not be registered, so that this is the recorded or the last motion carried
-            on.
-    """
-
+    # (4, 4) float64, in the frame that the site frame was in the first cloud, or in the recorded fixed frame at the
+    # start; metres
     T_fixed_site: F64
+    # Whether the cloud could not be registered, so that this is the recorded or the last motion carried on
     is_predicted: bool
 
     def __post_init__(self) -> None:

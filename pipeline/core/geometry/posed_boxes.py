@@ -26,19 +26,13 @@ MAX_VARIANCE = 1e12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosedBoxes:
-    """Boxes of any orientation.
+    """Boxes of any orientation."""
 
-    Attributes:
-        centers: (N, 3) float64, metres in some frame.
-        rotations: (N, 3, 3) float64, R_frame_box: its columns are the axes of the box in that frame.
-        sizes: (N, 3) float64, along the box's own x, y, z, metres.
-        covariances: (N, 6, 6) float64 over the position (m^2) and small rotations about the axes of that frame (rad^2),
-            as in geometry_msgs/PoseWithCovariance; what is not known is zero or not finite.
-    """
-
-    centers: F64
-    rotations: F64
-    sizes: F64
+    centers: F64  # (N, 3) float64, metres in some frame
+    rotations: F64  # (N, 3, 3) float64, R_frame_box: its columns are the axes of the box in that frame
+    sizes: F64  # (N, 3) float64, along the box's own x, y, z, metres
+    # (N, 6, 6) float64 over the position (m^2) and small rotations about the axes of that frame (rad^2), as in
+    # geometry_msgs/PoseWithCovariance; what is not known is zero or not finite
     covariances: F64
 
     def __post_init__(self) -> None:
@@ -57,19 +51,12 @@ class PosedBoxes:
 
 
 class UprightBoxes(NamedTuple):
-    """Boxes with a vertical axis.
+    """Boxes with a vertical axis."""
 
-    Attributes:
-        centers: (N, 3) float64, metres.
-        sizes: (N, 3) float64, length, width, height, metres.
-        yaws: (N,) float64 about +z, in (-pi, pi].
-        covariances: (N, 3, 3) float64 over x, y (m^2) and yaw (rad^2).
-    """
-
-    centers: F64
-    sizes: F64
-    yaws: F64
-    covariances: F64
+    centers: F64  # (N, 3) float64, metres
+    sizes: F64  # (N, 3) float64, length, width, height, metres
+    yaws: F64  # (N,) float64 about +z, in (-pi, pi]
+    covariances: F64  # (N, 3, 3) float64 over x, y (m^2) and yaw (rad^2)
 
 
 def upright_boxes(boxes: PosedBoxes, T_site_frame: F64) -> UprightBoxes:

@@ -44,15 +44,10 @@ class BoxArrays(NamedTuple):
 
 
 class Ious(NamedTuple):
-    """Intersection over union in [0, 1], of pairs (P,) or of each box with each (N, M).
+    """Intersection over union in [0, 1], of pairs (P,) or of each box with each (N, M)."""
 
-    Attributes:
-        bev: Of the ground that the boxes cover, whatever their height ("bird's eye view").
-        volume: Of the boxes.
-    """
-
-    bev: F64
-    volume: F64
+    bev: F64  # Of the ground that the boxes cover, whatever their height ("bird's eye view")
+    volume: F64  # Of the boxes
 
 
 def ious(first: OrientedBoxes, second: OrientedBoxes) -> Ious:

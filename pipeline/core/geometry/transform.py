@@ -19,17 +19,11 @@ ROTATION_TOLERANCE = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transform:
-    """A rigid motion from one named frame to another.
+    """A rigid motion from one named frame to another."""
 
-    Attributes:
-        dst: Frame of the output points.
-        src: Frame of the input points.
-        matrix: (4, 4) float64, homogeneous; read-only.
-    """
-
-    dst: str
-    src: str
-    matrix: F64
+    dst: str  # Frame of the output points
+    src: str  # Frame of the input points
+    matrix: F64  # (4, 4) float64, homogeneous; read-only
 
     def __post_init__(self) -> None:
         check_array("matrix", self.matrix, (4, 4), np.float64)

@@ -9,17 +9,11 @@ from lidcam.pipeline.core.arrays import U8, check_array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Image:
-    """One image.
+    """One image."""
 
-    Attributes:
-        stamp_ns: Time of exposure.
-        frame_id: Camera optical frame.
-        rgb: (H, W, 3) uint8, red first.
-    """
-
-    stamp_ns: int
-    frame_id: str
-    rgb: U8
+    stamp_ns: int  # Time of exposure
+    frame_id: str  # Camera optical frame
+    rgb: U8  # (H, W, 3) uint8, red first
 
     def __post_init__(self) -> None:
         check_array("rgb", self.rgb, (*self.rgb.shape[:2], 3), np.uint8)

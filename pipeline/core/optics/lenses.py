@@ -126,19 +126,12 @@ def slopes_of(
 
 @dataclass(frozen=True, eq=False)
 class Lenses:
-    """Intrinsics of P cameras, row by row.
+    """Intrinsics of P cameras, row by row."""
 
-    Attributes:
-        K: (P, 3, 3) float64 camera matrices, pixels.
-        coefficients: (P, 8) float64 distortion, in the order of its model; missing ones are zero.
-        equidistant: (P,) whether the model is `equidistant`; the others are cases of `rational_polynomial`.
-        radius_limits: (P,) float64 `CameraModel.radius_limit`.
-    """
-
-    K: F64
-    coefficients: F64
-    equidistant: Bools
-    radius_limits: F64
+    K: F64  # (P, 3, 3) float64 camera matrices, pixels
+    coefficients: F64  # (P, 8) float64 distortion, in the order of its model; missing ones are zero
+    equidistant: Bools  # (P,) whether the model is `equidistant`; the others are cases of `rational_polynomial`
+    radius_limits: F64  # (P,) float64 `CameraModel.radius_limit`
 
     def __post_init__(self) -> None:
         n = len(self.K)

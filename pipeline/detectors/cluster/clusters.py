@@ -49,21 +49,13 @@ SPREAD = np.uint64(0x9E3779B97F4A7C15)
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Points grouped by the cells of a grid, in order of cell.
+    """Points grouped by the cells of a grid, in order of cell."""
 
-    Attributes:
-        means: (M, 3) float64 mean of each cell's points, metres.
-        distance_m: (M,) float64 smallest link distance of each cell's points.
-        counts: (M,) int64 number of points in each cell.
-        first: (M,) int64 first point of each cell.
-        cell_of_point: (N,) int64 cell of each point.
-    """
-
-    means: F64
-    distance_m: F64
-    counts: I64
-    first: I64
-    cell_of_point: I64
+    means: F64  # (M, 3) float64 mean of each cell's points, metres
+    distance_m: F64  # (M,) float64 smallest link distance of each cell's points
+    counts: I64  # (M,) int64 number of points in each cell
+    first: I64  # (M,) int64 first point of each cell
+    cell_of_point: I64  # (N,) int64 cell of each point
 
 
 def thin_points(points: F64, distance_m: F64, share: float, group: I64 | None = None) -> Cells:

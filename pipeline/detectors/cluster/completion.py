@@ -48,44 +48,26 @@ _LIST, _TABLE = "Array(float64, 1, 'C', readonly=True)", "Array(float64, 2, 'C',
 
 @dataclass(frozen=True, eq=False)
 class CompletedBoxes:
-    """Boxes of C clusters, above flat ground.
+    """Boxes of C clusters, above flat ground."""
 
-    Attributes:
-        class_ids: (C,) int64, row of the priors; -1 if the cluster is larger than every class.
-        center_xy: (C, 2) float64, metres.
-        sizes: (C, 3) float64 length, width, height, metres; the box stands on the ground.
-        yaw_rad: (C,) float64 direction of the length, in (-pi/2, pi/2]: the front is not known.
-        misfit: (C,) float64 squared deviation from the size prior in standard deviations, halved.
-        center_std_m: (C, 2) float64 standard deviation of the centre along length and width.
-        faces_m2: (C,) float64 area of the box visible to the lidars, from their mean direction.
-        rides: (C,) bool, the class is that of a rider, by its proportions.
-    """
-
-    class_ids: I64
-    center_xy: F64
-    sizes: F64
-    yaw_rad: F64
-    misfit: F64
-    center_std_m: F64
-    faces_m2: F64
-    rides: Bools
+    class_ids: I64  # (C,) int64, row of the priors; -1 if the cluster is larger than every class
+    center_xy: F64  # (C, 2) float64, metres
+    sizes: F64  # (C, 3) float64 length, width, height, metres; the box stands on the ground
+    yaw_rad: F64  # (C,) float64 direction of the length, in (-pi/2, pi/2]: the front is not known
+    misfit: F64  # (C,) float64 squared deviation from the size prior in standard deviations, halved
+    center_std_m: F64  # (C, 2) float64 standard deviation of the centre along length and width
+    faces_m2: F64  # (C,) float64 area of the box visible to the lidars, from their mean direction
+    rides: Bools  # (C,) bool, the class is that of a rider, by its proportions
 
 
 @dataclass(frozen=True, eq=False)
 class Kinds:
-    """Sizes of the classes that clusters are compared with, each twice, with the length along either axis.
+    """Sizes of the classes that clusters are compared with, each twice, with the length along either axis."""
 
-    Attributes:
-        class_ids: (2K,) int64, row of the priors.
-        mean_m: (2K, 3) float64 typical extent along the first and the second axis, and height.
-        limit_m: (2K, 3) float64 largest ones.
-        rarity: (2K,) float64 negative logarithm of the frequency of the class.
-    """
-
-    class_ids: I64
-    mean_m: F64
-    limit_m: F64
-    rarity: F64
+    class_ids: I64  # (2K,) int64, row of the priors
+    mean_m: F64  # (2K, 3) float64 typical extent along the first and the second axis, and height
+    limit_m: F64  # (2K, 3) float64 largest ones
+    rarity: F64  # (2K,) float64 negative logarithm of the frequency of the class
 
     @classmethod
     def of(cls, priors: Sequence[ClassPrior]) -> "Kinds":

@@ -35,60 +35,35 @@ TOP_SHARE = 0.99
 
 @dataclass(frozen=True, eq=False)
 class ThinnedPoints:
-    """Points that each stand for the measured ones of a small cell.
+    """Points that each stand for the measured ones of a small cell."""
 
-    Attributes:
-        position: (N, 3) x, y in the site frame and height above the ground, metres.
-        link_distance_m: (N,) points nearer to each other than this belong together.
-        lidar: (N,) row of `Rig.lidars` that measured the point.
-        weights: (N,) number of measured points that it stands for.
-        time_sum_ns: (N,) sum of their times, each minus the cloud's stamp.
-    """
-
-    position: F64
-    link_distance_m: F64
-    lidar: I64
-    weights: I64
-    time_sum_ns: I64
+    position: F64  # (N, 3) x, y in the site frame and height above the ground, metres
+    link_distance_m: F64  # (N,) points nearer to each other than this belong together
+    lidar: I64  # (N,) row of `Rig.lidars` that measured the point
+    weights: I64  # (N,) number of measured points that it stands for
+    time_sum_ns: I64  # (N,) sum of their times, each minus the cloud's stamp
 
 
 class AboveGround(NamedTuple):
-    """P points between two heights above the ground.
+    """P points between two heights above the ground."""
 
-    Attributes:
-        place: (P,) rising rows of the given rows.
-        position: (P, 3) x, y in the site frame and height above the ground, metres.
-        lidar: (P,) row of `Rig.lidars` that measured the point.
-        link_distance_m: (P,) points nearer to each other than this belong together.
-        time_ns: (P,) whole numbers, minus the cloud's stamp.
-    """
-
-    place: I64
-    position: F64
-    lidar: I64
-    link_distance_m: F64
-    time_ns: F64
+    place: I64  # (P,) rising rows of the given rows
+    position: F64  # (P, 3) x, y in the site frame and height above the ground, metres
+    lidar: I64  # (P,) row of `Rig.lidars` that measured the point
+    link_distance_m: F64  # (P,) points nearer to each other than this belong together
+    time_ns: F64  # (P,) whole numbers, minus the cloud's stamp
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """Boxes fitted to G groups of points, above flat ground.
+    """Boxes fitted to G groups of points, above flat ground."""
 
-    Attributes:
-        rectangles: Around the points of each group.
-        boxes: These, completed.
-        roundness: (G,) of the points of riders, see `principal_axes`; 1 for other classes.
-        counts: (G,) number of measured points.
-        lidar_share: (G, L) share of these that each lidar measured.
-        time_ns: (G,) their mean time, minus the cloud's stamp.
-    """
-
-    rectangles: Rectangles
-    boxes: CompletedBoxes
-    roundness: F64
-    counts: I64
-    lidar_share: F64
-    time_ns: I64
+    rectangles: Rectangles  # Around the points of each group
+    boxes: CompletedBoxes  # These, completed
+    roundness: F64  # (G,) of the points of riders, see `principal_axes`; 1 for other classes
+    counts: I64  # (G,) number of measured points
+    lidar_share: F64  # (G, L) share of these that each lidar measured
+    time_ns: I64  # (G,) their mean time, minus the cloud's stamp
 
 
 class BoxFitter:

@@ -44,19 +44,12 @@ _COS, _SIN = np.cos(_ANGLES_RAD), np.sin(_ANGLES_RAD)
 
 @dataclass(frozen=True, eq=False)
 class Rectangles:
-    """Bounding rectangles of C clusters, seen from above.
+    """Bounding rectangles of C clusters, seen from above."""
 
-    Attributes:
-        angle_rad: (C,) float64 angle of the first axis about +z, in [0, pi/2).
-        low: (C, 2) float64 lower ends along the first and second axis (rotated coordinates), metres.
-        high: (C, 2) float64 upper ends, metres.
-        residual_m: (C,) float64 root mean square distance of the points from their nearest sides.
-    """
-
-    angle_rad: F64
-    low: F64
-    high: F64
-    residual_m: F64
+    angle_rad: F64  # (C,) float64 angle of the first axis about +z, in [0, pi/2)
+    low: F64  # (C, 2) float64 lower ends along the first and second axis (rotated coordinates), metres
+    high: F64  # (C, 2) float64 upper ends, metres
+    residual_m: F64  # (C,) float64 root mean square distance of the points from their nearest sides
 
 
 def fit_rectangles(xy: F64, starts: I64) -> Rectangles:

@@ -26,19 +26,12 @@ MAX_STANDARD = 4.0
 
 @dataclass(frozen=True, eq=False)
 class ClusterNetwork:
-    """M networks of the same form.
+    """M networks of the same form."""
 
-    Attributes:
-        mean: (F,) means of the features in training.
-        deviation: (F,) standard deviations.
-        weights: (M, inputs, outputs) for each layer.
-        biases: (M, 1, outputs) for each layer.
-    """
-
-    mean: F64
-    deviation: F64
-    weights: tuple[F64, ...]
-    biases: tuple[F64, ...]
+    mean: F64  # (F,) means of the features in training
+    deviation: F64  # (F,) standard deviations
+    weights: tuple[F64, ...]  # (M, inputs, outputs) for each layer
+    biases: tuple[F64, ...]  # (M, 1, outputs) for each layer
 
     def __call__(self, features: F64) -> F64:
         """(B, 5) probability of each of `KINDS`, for features (B, F)."""

@@ -21,19 +21,12 @@ MIN_HIDDEN_SHARE = 0.5
 
 
 class Sight(NamedTuple):
-    """All points of a frame, by lidar and azimuth.
+    """All points of a frame, by lidar and azimuth."""
 
-    Attributes:
-        origins: (L, 3) x, y of the lidars in the site frame and their heights above the ground, metres.
-        starts: (S + 1,) first point of each sector, lidar after lidar.
-        distance_m: (N,) horizontal distance of each point from its lidar, sector after sector.
-        slope: (N,) rise of the line of sight to each for a metre of that distance.
-    """
-
-    origins: F64
-    starts: I64
-    distance_m: F64
-    slope: F64
+    origins: F64  # (L, 3) x, y of the lidars in the site frame and their heights above the ground, metres
+    starts: I64  # (S + 1,) first point of each sector, lidar after lidar
+    distance_m: F64  # (N,) horizontal distance of each point from its lidar, sector after sector
+    slope: F64  # (N,) rise of the line of sight to each for a metre of that distance
 
     @classmethod
     def of(cls, position: F64, lidar: I64, origins: F64) -> "Sight":

@@ -18,23 +18,14 @@ FLOATS: dict[str, type[np.floating[Any]]] = {"tensor(float)": np.float32, "tenso
 
 @dataclass(frozen=True, slots=True)
 class NetworkInputs:
-    """Inputs of a network.
+    """Inputs of a network."""
 
-    Attributes:
-        images: Name of the input for images (N, 3, H, W).
-        dtype: Type of its numbers.
-        batch: N, None if free.
-        height_px: H, None if free.
-        width_px: W, None if free.
-        sizes: Name of the input for the widths and heights (N, 2) that boxes are wanted in; None without one.
-    """
-
-    images: str
-    dtype: type[np.floating[Any]]
-    batch: int | None
-    height_px: int | None
-    width_px: int | None
-    sizes: str | None
+    images: str  # Name of the input for images (N, 3, H, W)
+    dtype: type[np.floating[Any]]  # Type of its numbers
+    batch: int | None  # N, None if free
+    height_px: int | None  # H, None if free
+    width_px: int | None  # W, None if free
+    sizes: str | None  # Name of the input for the widths and heights (N, 2) that boxes are wanted in; None without one
 
     def feed(self, batch: F32) -> Mapping[str, Array]:
         """The inputs for images (N, 3, H, W), by name: boxes are wanted in pixels of these."""

@@ -32,42 +32,26 @@ Shape = tuple[int | None, ...]
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """Outputs of a network for blank images.
+    """Outputs of a network for blank images."""
 
-    Attributes:
-        size_px: Height and width of its input.
-        names: Names of its outputs.
-        outputs: Its outputs.
-        takes_sizes: Whether it has a second input for the sizes of the images.
-    """
-
-    size_px: Size
-    names: Sequence[str]
-    outputs: Sequence[Array]
-    takes_sizes: bool
+    size_px: Size  # Height and width of its input
+    names: Sequence[str]  # Names of its outputs
+    outputs: Sequence[Array]  # Its outputs
+    takes_sizes: bool  # Whether it has a second input for the sizes of the images
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Meaning of the inputs and outputs of a network.
+    """Meaning of the inputs and outputs of a network."""
 
-    Attributes:
-        name: Value of `detect2d.layout`.
-        colors: Colours of its input.
-        placement: Place of an image in its input.
-        class_count: Number of its classes; None where its outputs do not say.
-        read_image: Makes proposals of the outputs for one image, the size of the input, and the least score wanted.
-        shapes: Shapes of these outputs for one image; None: any number.
-        outputs_at: Their places among the outputs.
-    """
-
-    name: NetworkLayout
-    colors: NetworkColors
-    placement: Placement
-    class_count: int | None
+    name: NetworkLayout  # Value of `detect2d.layout`
+    colors: NetworkColors  # Colours of its input
+    placement: Placement  # Place of an image in its input
+    class_count: int | None  # Number of its classes; None where its outputs do not say
+    # Makes proposals of the outputs for one image, the size of the input, and the least score wanted
     read_image: Callable[..., Candidates2D]
-    shapes: tuple[Shape, ...]
-    outputs_at: tuple[int, ...] = (0,)
+    shapes: tuple[Shape, ...]  # Shapes of these outputs for one image; None: any number
+    outputs_at: tuple[int, ...] = (0,)  # Their places among the outputs
 
     def read(self, outputs: Sequence[Array], count: int, size_px: Size, min_score: float) -> list[Candidates2D]:
         """Proposals for each image of a batch, in pixels of the network's input.

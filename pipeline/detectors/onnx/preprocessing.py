@@ -18,15 +18,10 @@ IMAGENET_MEAN, IMAGENET_DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
 class Place(NamedTuple):
-    """Place of an image in a network's input: pixel of the input = pixel of the image * scale + offset.
+    """Place of an image in a network's input: pixel of the input = pixel of the image * scale + offset."""
 
-    Attributes:
-        scale: (2,) float32, in x and y.
-        offset: (2,) float32, pixels in x and y.
-    """
-
-    scale: F32
-    offset: F32
+    scale: F32  # (2,) float32, in x and y
+    offset: F32  # (2,) float32, pixels in x and y
 
     def undo(self, xyxy: F32) -> F32:
         """Boxes (N, 4) in pixels of the image, from those in pixels of the input."""
@@ -35,15 +30,10 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Preprocessing:
-    """Puts images into the input of a network.
+    """Puts images into the input of a network."""
 
-    Attributes:
-        colors: Order and values of the channels.
-        placement: Place of an image.
-    """
-
-    colors: NetworkColors
-    placement: Placement
+    colors: NetworkColors  # Order and values of the channels
+    placement: Placement  # Place of an image
 
     def blank(self, count: int, height_px: int, width_px: int) -> F32:
         """Input (N, 3, H, W) without images."""

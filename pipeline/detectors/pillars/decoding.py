@@ -19,21 +19,13 @@ MAX_LOG_M = 4.0
 
 
 class Found(NamedTuple):
-    """N boxes from the middle of the grid.
+    """N boxes from the middle of the grid."""
 
-    Attributes:
-        centers: (N, 3) x, y, and height of the middle above the ground, metres.
-        sizes: (N, 3) length, width, height, metres.
-        yaws: (N,) headings, radians.
-        log_odds: (N,) log odds of the class.
-        classes: (N,) rows of the network's classes.
-    """
-
-    centers: F64
-    sizes: F64
-    yaws: F64
-    log_odds: F64
-    classes: I64
+    centers: F64  # (N, 3) x, y, and height of the middle above the ground, metres
+    sizes: F64  # (N, 3) length, width, height, metres
+    yaws: F64  # (N,) headings, radians
+    log_odds: F64  # (N,) log odds of the class
+    classes: I64  # (N,) rows of the network's classes
 
 
 def box_numbers(centers: F64, sizes: F64, yaws: F64, cell_xy: F64, grid: Grid) -> F64:

@@ -21,19 +21,12 @@ STEP_M = 2.0**-14
 
 
 class Grid(SettingsModel):
-    """A square of pillars around the lidars.
+    """A square of pillars around the lidars."""
 
-    Attributes:
-        cell_m: Side of a pillar, metres.
-        cells: Pillars along x and along y, a multiple of 8.
-        low_m: Points at a lower height above the ground are left out.
-        high_m: Points at this height or higher are left out.
-    """
-
-    cell_m: Positive
-    cells: Count
-    low_m: float
-    high_m: float
+    cell_m: Positive  # Side of a pillar, metres
+    cells: Count  # Pillars along x and along y, a multiple of 8
+    low_m: float  # Points at a lower height above the ground are left out
+    high_m: float  # Points at this height or higher are left out
 
     @property
     def half_m(self) -> float:

@@ -39,18 +39,12 @@ DTYPES = {"tensor(float)": np.float32, "tensor(int32)": np.int32, "tensor(int64)
 
 
 class KitGrid(SettingsModel):
-    """The pillars of a kit, from one corner up to another, which is excluded; in rows along y.
+    """The pillars of a kit, from one corner up to another, which is excluded; in rows along y."""
 
-    Attributes:
-        low_m: Corner of the lowest coordinates, x, y, z from the lidar.
-        high_z_m: Points at this height or higher are left out.
-        cell_m: Sides of a pillar along x and y.
-        cells: Pillars along x and y.
-    """
-
-    low_m: tuple[float, float, float]
-    high_z_m: float
-    cell_m: tuple[Positive, Positive]
+    low_m: tuple[float, float, float]  # Corner of the lowest coordinates, x, y, z from the lidar
+    high_z_m: float  # Points at this height or higher are left out
+    cell_m: tuple[Positive, Positive]  # Sides of a pillar along x and y
+    # Pillars along x and y
     cells: tuple[Annotated[int, Field(ge=1, le=MAX_SIDE)], Annotated[int, Field(ge=1, le=MAX_SIDE)]]
 
     @property
@@ -61,43 +55,28 @@ class KitGrid(SettingsModel):
 
 
 class KitSpecs(SettingsModel):
-    """Metadata of a file.
+    """Metadata of a file."""
 
-    Attributes:
-        classes: Classes of its output, in order.
-        layout: Layout of its inputs. `points`: `KIT_INPUTS`. `voxels`: the points (V, M, F) of each pillar, their
-            number (V,), and the batch, layer, row and column of the pillar (V, 4).
-        features: Features of its points, in order.
-        max_points: Points that the kit puts into a pillar. If there are fewer, the kit leaves places empty, and these
-            count as points of zeros; 0: it leaves none empty.
-        grid: Its grid.
-        ground_z_m: Height of the ground in its data, from the lidar.
-        intensity_max: The highest intensity in its data.
-    """
-
-    classes: Annotated[tuple[FoundClass, ...], Field(min_length=1)]
+    classes: Annotated[tuple[FoundClass, ...], Field(min_length=1)]  # Classes of its output, in order
+    # Layout of its inputs. `points`: `KIT_INPUTS`. `voxels`: the points (V, M, F) of each pillar, their number (V,),
+    # and the batch, layer, row and column of the pillar (V, 4)
     layout: Literal["points", "voxels"]
-    features: Annotated[tuple[Feature, ...], Field(min_length=3)]
+    features: Annotated[tuple[Feature, ...], Field(min_length=3)]  # Features of its points, in order
+    # Points that the kit puts into a pillar. If there are fewer, the kit leaves places empty, and these count as points
+    # of zeros; 0: it leaves none empty
     max_points: Annotated[int, Field(ge=0, le=1024)]
-    grid: KitGrid
-    ground_z_m: float
-    intensity_max: NotNegative
+    grid: KitGrid  # Its grid
+    ground_z_m: float  # Height of the ground in its data, from the lidar
+    intensity_max: NotNegative  # The highest intensity in its data
 
 
 class KitPoints(NamedTuple):
-    """The N points within a grid, sorted by pillar, and in the order of the cloud within a pillar.
+    """The N points within a grid, sorted by pillar, and in the order of the cloud within a pillar."""
 
-    Attributes:
-        columns: (N,) float64 values of each `Feature`.
-        pillar: (N,) row of each point's pillar times the number of columns, plus its column.
-        starts: (P,) first point of each pillar that has points.
-        counts: (P,) number of its points.
-    """
-
-    columns: dict[Feature, F64]
-    pillar: I64
-    starts: I64
-    counts: I64
+    columns: dict[Feature, F64]  # (N,) float64 values of each `Feature`
+    pillar: I64  # (N,) row of each point's pillar times the number of columns, plus its column
+    starts: I64  # (P,) first point of each pillar that has points
+    counts: I64  # (P,) number of its points
 
 
 def kit_points(position: F64, intensity: F32, specs: KitSpecs) -> KitPoints:

@@ -26,31 +26,19 @@ Specs = TypeVar("Specs", bound=SettingsModel)
 
 
 class FoundClass(SettingsModel):
-    """A class that a network finds.
+    """A class that a network finds."""
 
-    Attributes:
-        name: Its name.
-        sigma_m: Standard deviation of its place along x and along y, metres.
-        sigma_rad: Standard deviation of its heading, radians.
-    """
-
-    name: str
-    sigma_m: NotNegative = 0.3
-    sigma_rad: NotNegative = 0.3
+    name: str  # Its name
+    sigma_m: NotNegative = 0.3  # Standard deviation of its place along x and along y, metres
+    sigma_rad: NotNegative = 0.3  # Standard deviation of its heading, radians
 
 
 class PillarSpecs(SettingsModel):
-    """Metadata of a file.
+    """Metadata of a file."""
 
-    Attributes:
-        classes: Classes of its output, in order.
-        features: Features of its points, in order.
-        grid: Its grid.
-    """
-
-    classes: Annotated[tuple[FoundClass, ...], Field(min_length=1)]
-    features: tuple[str, ...] = FEATURES
-    grid: Grid
+    classes: Annotated[tuple[FoundClass, ...], Field(min_length=1)]  # Classes of its output, in order
+    features: tuple[str, ...] = FEATURES  # Features of its points, in order
+    grid: Grid  # Its grid
 
 
 def specs_in(session: OnnxSession, path: Path, key: str, model: type[Specs], what: str) -> Specs:

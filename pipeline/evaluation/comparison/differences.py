@@ -17,28 +17,17 @@ WITHOUT_AMOUNT = {"relabelled", "reidentified"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Difference:
-    """One object that differs in one frame.
+    """One object that differs in one frame."""
 
-    Attributes:
-        pair: Number of the pair of frames, from 0.
-        row: Its place among the differences of the frame.
-        frame: Number of the frame in B, in A of an object that only A has.
-        stamp_ns: Time of that frame.
-        place: Where the object is in that frame: x, y, z in metres, or the centre x, y in pixels.
-        reach: How far it can be from its place in the frame before.
-        class_name: Its class, in A unless only B has it.
-        new_class_name: Its class in B.
-        amounts: Amount of each kind, as in `Changes.amounts`; the score of an object that is lost or new.
-    """
-
-    pair: int
-    row: int
-    frame: int
-    stamp_ns: int
-    place: tuple[float, ...]
-    reach: float
-    class_name: str
-    new_class_name: str
+    pair: int  # Number of the pair of frames, from 0
+    row: int  # Its place among the differences of the frame
+    frame: int  # Number of the frame in B, in A of an object that only A has
+    stamp_ns: int  # Time of that frame
+    place: tuple[float, ...]  # Where the object is in that frame: x, y, z in metres, or the centre x, y in pixels
+    reach: float  # How far it can be from its place in the frame before
+    class_name: str  # Its class, in A unless only B has it
+    new_class_name: str  # Its class in B
+    # Amount of each kind, as in `Changes.amounts`; the score of an object that is lost or new
     amounts: Mapping[Kind, float]
 
     @property

@@ -43,15 +43,10 @@ Boxes = TypeVar("Boxes", Boxes3D, Boxes2D)
 
 
 class KnownClasses(NamedTuple):
-    """The classes of one result in terms of both.
+    """The classes of one result in terms of both."""
 
-    Attributes:
-        rows: (C,) row in the names of both, by class id of the result.
-        lengths_m: (C,) typical length, by class id.
-    """
-
-    rows: Indices
-    lengths_m: F64
+    rows: Indices  # (C,) row in the names of both, by class id of the result
+    lengths_m: F64  # (C,) typical length, by class id
 
     @classmethod
     def of(cls, priors: Sequence[ClassPrior], names: Sequence[str]) -> "KnownClasses":
@@ -95,24 +90,16 @@ def image_objects(found: Boxes2D, known: KnownClasses) -> Objects[Boxes2D]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Changes:
-    """The objects of one channel in one frame of both results.
+    """The objects of one channel in one frame of both results."""
 
-    Attributes:
-        first: (M,) row in A of each object that both have.
-        second: (M,) its row in B.
-        lost: Rows in A of the objects that only A has.
-        new: Rows in B of the objects that only B has.
-        amounts: (M, 6) how far each object differs, by `PAIR_KINDS`: metres (pixels of a 2D box), degrees, metres, 1
-            for another class, score, 1 for the id of another track.
-        is_changed: (M, 6) whether that is more than what counts as equal.
-    """
-
-    first: Indices
-    second: Indices
-    lost: Indices
-    new: Indices
+    first: Indices  # (M,) row in A of each object that both have
+    second: Indices  # (M,) its row in B
+    lost: Indices  # Rows in A of the objects that only A has
+    new: Indices  # Rows in B of the objects that only B has
+    # (M, 6) how far each object differs, by `PAIR_KINDS`: metres (pixels of a 2D box), degrees, metres, 1 for another
+    # class, score, 1 for the id of another track
     amounts: F64
-    is_changed: Bools
+    is_changed: Bools  # (M, 6) whether that is more than what counts as equal
 
 
 class Tracks:

@@ -26,17 +26,11 @@ MAX_IMAGES = 128
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
-    """The detections of a camera in all images.
+    """The detections of a camera in all images."""
 
-    Attributes:
-        class_ids: (N,) int32, row of the configured classes.
-        scores: (N,) float32.
-        matches: (N,) int32, row of the object in its batch of images; or `FALSE`, `IGNORED`.
-    """
-
-    class_ids: I32
-    scores: F32
-    matches: I32
+    class_ids: I32  # (N,) int32, row of the configured classes
+    scores: F32  # (N,) float32
+    matches: I32  # (N,) int32, row of the object in its batch of images; or `FALSE`, `IGNORED`
 
 
 class CameraImages:

@@ -18,16 +18,12 @@ _POSITION = DISTANCES_M.index(2.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Criterion:
-    """When a detection counts as right.
+    """When a detection counts as right."""
 
-    Attributes:
-        measure: IoU seen from above or in 3D, which must reach the limit, or distance of the centres seen from above,
-            which must stay below it.
-        limits: (C,) float64 by class: IoU, or metres.
-    """
-
+    # IoU seen from above or in 3D, which must reach the limit, or distance of the centres seen from above, which must
+    # stay below it
     measure: Measure
-    limits: F64
+    limits: F64  # (C,) float64 by class: IoU, or metres
 
     def holds(self, pairs: Candidates, class_ids: I32) -> Bools:
         """(P,) whether it holds for pairs, with the limits of the given classes (P,)."""
@@ -38,16 +34,11 @@ class Criterion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Criteria:
-    """All criteria of a run, and which column of the matches belongs to which.
+    """All criteria of a run, and which column of the matches belongs to which."""
 
-    Attributes:
-        ious: IoUs that have a criterion each seen from above and in 3D.
-        scales: (C,) float64 by class, factor of all distances.
-        distances: `scaled` or `nuscenes`, which also says by whose rules the figures by distance ignore objects.
-    """
-
-    ious: tuple[float, ...]
-    scales: F64
+    ious: tuple[float, ...]  # IoUs that have a criterion each seen from above and in 3D
+    scales: F64  # (C,) float64 by class, factor of all distances
+    # `scaled` or `nuscenes`, which also says by whose rules the figures by distance ignore objects
     distances: Literal["scaled", "nuscenes"]
 
     @classmethod

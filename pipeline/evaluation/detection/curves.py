@@ -23,19 +23,12 @@ RECALLS = 40
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve(Table):
-    """Counts of right and false detections from each score upwards; detections of equal score count together.
+    """Counts of right and false detections from each score upwards; detections of equal score count together."""
 
-    Attributes:
-        scores: (P,) float64, falling.
-        right: (P,) int64, detections that are right, of this score and above.
-        false: (P,) int64, those that are false.
-        truth: True objects.
-    """
-
-    scores: F64
-    right: I64
-    false: I64
-    truth: int
+    scores: F64  # (P,) float64, falling
+    right: I64  # (P,) int64, detections that are right, of this score and above
+    false: I64  # (P,) int64, those that are false
+    truth: int  # True objects
 
     @property
     def precision(self) -> F64:

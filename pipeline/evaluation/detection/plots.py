@@ -22,15 +22,10 @@ MAX_PLACES = 200_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Places:
-    """Places and errors of true objects.
+    """Places and errors of true objects."""
 
-    Attributes:
-        xy: (N, 2) float64, where they stand in the site frame, metres.
-        errors_m: (N,) float64, how far the centre of the detection is off, seen from above; NaN: it is missed.
-    """
-
-    xy: F64
-    errors_m: F64
+    xy: F64  # (N, 2) float64, where they stand in the site frame, metres
+    errors_m: F64  # (N,) float64, how far the centre of the detection is off, seen from above; NaN: it is missed
 
 
 class DetectionPlots:

@@ -26,15 +26,10 @@ _SEED = 0
 
 @dataclass(frozen=True, eq=False)
 class Resampling:
-    """Samples of a recording, as weights of blocks of frames.
+    """Samples of a recording, as weights of blocks of frames."""
 
-    Attributes:
-        blocks: (F,) int64, block of each frame.
-        weights: (S, B) float64, times that a sample holds a block; a sample holds B blocks.
-    """
-
-    blocks: I64
-    weights: F64
+    blocks: I64  # (F,) int64, block of each frame
+    weights: F64  # (S, B) float64, times that a sample holds a block; a sample holds B blocks
 
     @classmethod
     def of(cls, stamps_ns: I64, samples: int) -> "Resampling":

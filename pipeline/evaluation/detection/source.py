@@ -50,31 +50,18 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Site:
-    """The truth and the settings that the figures of all sources share.
+    """The truth and the settings that the figures of all sources share."""
 
-    Attributes:
-        class_names: By class id.
-        criteria: When a detection counts as right.
-        truth: All true objects.
-        labels: The truth's own names of classes, by number.
-        parts: The parts of the site, in the order of the columns of the tables.
-        frames: Frames that are evaluated.
-        frames_without_truth: Frames that are not.
-        velocities: (T, 3) float64, of the true objects over the ground: see `true_velocities`.
-        moves: (T,) bool, which of them move in the recording.
-        stands: (T,) bool, which stand.
-    """
-
-    class_names: tuple[str, ...]
-    criteria: Criteria
-    truth: TruthTable
-    labels: tuple[str, ...]
-    parts: tuple[Part, ...]
-    frames: int
-    frames_without_truth: int
-    velocities: F64
-    moves: Bools
-    stands: Bools
+    class_names: tuple[str, ...]  # By class id
+    criteria: Criteria  # When a detection counts as right
+    truth: TruthTable  # All true objects
+    labels: tuple[str, ...]  # The truth's own names of classes, by number
+    parts: tuple[Part, ...]  # The parts of the site, in the order of the columns of the tables
+    frames: int  # Frames that are evaluated
+    frames_without_truth: int  # Frames that are not
+    velocities: F64  # (T, 3) float64, of the true objects over the ground: see `true_velocities`
+    moves: Bools  # (T,) bool, which of them move in the recording
+    stands: Bools  # (T,) bool, which stand
 
     @classmethod
     def of(cls, config: Config, zones: Sequence[Zone], gathering: Gathering) -> "Site":

@@ -16,60 +16,34 @@ IGNORED = -2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruthTable(Table):
-    """The true objects of all frames.
+    """The true objects of all frames."""
 
-    Attributes:
-        frames: (T,) int32, number of the evaluated frame.
-        class_ids: (T,) int32, row of the configured classes, or `UNKNOWN`.
-        labels: (T,) int32, number of the label.
-        parts: (T, P) bool, parts of the site in which it lies.
-        lidar_points: (T,) int32, or `UNKNOWN`.
-        yaws: (T,) float32.
-        is_evaluated: (T,) bool; False for what is neither a miss nor an error.
-        is_nuscenes: (T,) bool, evaluated in the figures that carry the name of nuScenes.
-        track_ids: (T,) int64, the same for the same object in all frames, or `UNKNOWN`.
-        poses: (T, 3) float64, x, y (metres) and yaw over the ground; NaN where not known.
-    """
-
-    frames: I32
-    class_ids: I32
-    labels: I32
-    parts: Bools
-    lidar_points: I32
-    yaws: F32
-    is_evaluated: Bools
-    is_nuscenes: Bools
-    track_ids: I64
-    poses: F64
+    frames: I32  # (T,) int32, number of the evaluated frame
+    class_ids: I32  # (T,) int32, row of the configured classes, or `UNKNOWN`
+    labels: I32  # (T,) int32, number of the label
+    parts: Bools  # (T, P) bool, parts of the site in which it lies
+    lidar_points: I32  # (T,) int32, or `UNKNOWN`
+    yaws: F32  # (T,) float32
+    is_evaluated: Bools  # (T,) bool; False for what is neither a miss nor an error
+    is_nuscenes: Bools  # (T,) bool, evaluated in the figures that carry the name of nuScenes
+    track_ids: I64  # (T,) int64, the same for the same object in all frames, or `UNKNOWN`
+    poses: F64  # (T, 3) float64, x, y (metres) and yaw over the ground; NaN where not known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundTable:
-    """The detections of one source in all frames.
+    """The detections of one source in all frames."""
 
-    Attributes:
-        frames: (N,) int32, number of the evaluated frame.
-        class_ids: (N,) int32, row of the configured classes.
-        scores: (N,) float32.
-        parts: (N, P) bool, parts of the site in which it lies.
-        yaws: (N,) float32.
-        matches: (N, K) int32 by criterion, row of the true object that the detection shows; or `FALSE`, `IGNORED`.
-        mistaken: (N,) int32, row of the true object of another class that a false detection shows; or `FALSE`.
-        errors: (N, E, 10) float32, errors of the matches of E criteria by `Column`; NaN without a match.
-        velocities: (N, 3) float32, along x and y of the ground in m/s, and yaw rate in rad/s; NaN where not known.
-        is_predicted: (N,) bool, whether nothing of the object was seen in this frame.
-    """
-
-    frames: I32
-    class_ids: I32
-    scores: F32
-    parts: Bools
-    yaws: F32
-    matches: I32
-    mistaken: I32
-    errors: F32
-    velocities: F32
-    is_predicted: Bools
+    frames: I32  # (N,) int32, number of the evaluated frame
+    class_ids: I32  # (N,) int32, row of the configured classes
+    scores: F32  # (N,) float32
+    parts: Bools  # (N, P) bool, parts of the site in which it lies
+    yaws: F32  # (N,) float32
+    matches: I32  # (N, K) int32 by criterion, row of the true object that the detection shows; or `FALSE`, `IGNORED`
+    mistaken: I32  # (N,) int32, row of the true object of another class that a false detection shows; or `FALSE`
+    errors: F32  # (N, E, 10) float32, errors of the matches of E criteria by `Column`; NaN without a match
+    velocities: F32  # (N, 3) float32, along x and y of the ground in m/s, and yaw rate in rad/s; NaN where not known
+    is_predicted: Bools  # (N,) bool, whether nothing of the object was seen in this frame
 
 
 class Labels:
@@ -91,21 +65,13 @@ class Labels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scored(Table):
-    """Detections that count, by falling score.
+    """Detections that count, by falling score."""
 
-    Attributes:
-        rows: (N,) of the found table.
-        truth_rows: (N,) int32, the object that each shows; `FALSE` if none.
-        scores: (N,) float32.
-        is_right: (N,) bool.
-        parts: (N, P) bool, where a detection counts: at the object that it shows, or else where it is itself.
-    """
-
-    rows: Indices
-    truth_rows: I32
-    scores: F32
-    is_right: Bools
-    parts: Bools
+    rows: Indices  # (N,) of the found table
+    truth_rows: I32  # (N,) int32, the object that each shows; `FALSE` if none
+    scores: F32  # (N,) float32
+    is_right: Bools  # (N,) bool
+    parts: Bools  # (N, P) bool, where a detection counts: at the object that it shows, or else where it is itself
 
     def within(self, part: int | None) -> "Scored":
         """The detections in a part of the site (None: in all of it)."""

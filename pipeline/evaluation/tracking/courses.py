@@ -18,27 +18,16 @@ from lidcam.pipeline.evaluation.true_motion import has_moved
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Courses:
-    """Tracks of one or all classes.
+    """Tracks of one or all classes."""
 
-    Attributes:
-        boxes: (H,) int64, boxes of each track found.
-        durations_s: (H,) float64, from its first box to its last.
-        is_false: (H,) bool, whether it is false.
-        delays_s: (T,) float64, from a true track's first frame to its first match; NaN if there is none.
-        heading_flips: Turns of more than 90 degrees that an object did not make.
-        heading_flips_moving: Those of objects that move in the recording.
-        heading_flips_standing: Those of objects that stand.
-        without_track: Boxes found that are part of no track.
-    """
-
-    boxes: I64
-    durations_s: F64
-    is_false: Bools
-    delays_s: F64
-    heading_flips: int
-    heading_flips_moving: int
-    heading_flips_standing: int
-    without_track: int
+    boxes: I64  # (H,) int64, boxes of each track found
+    durations_s: F64  # (H,) float64, from its first box to its last
+    is_false: Bools  # (H,) bool, whether it is false
+    delays_s: F64  # (T,) float64, from a true track's first frame to its first match; NaN if there is none
+    heading_flips: int  # Turns of more than 90 degrees that an object did not make
+    heading_flips_moving: int  # Those of objects that move in the recording
+    heading_flips_standing: int  # Those of objects that stand
+    without_track: int  # Boxes found that are part of no track
 
 
 def follow(table: TrackTable, matches: Matches) -> Courses:

@@ -16,25 +16,15 @@ TOLERANCE = 1e-12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HotaCounts:
-    """Matches at each of the thresholds `ALPHAS`, and sums over these matches.
+    """Matches at each of the thresholds `ALPHAS`, and sums over these matches."""
 
-    Attributes:
-        truth: True objects in all frames.
-        found: Boxes found in all frames.
-        matches: (A,) float64.
-        similarity: (A,) float64, sum over the matches.
-        association: (A,) float64, likewise, of the share that the two tracks of a match have in common.
-        association_recall: (A,) float64, of the share of the true track.
-        association_precision: (A,) float64, of the share of the track found.
-    """
-
-    truth: int
-    found: int
-    matches: F64
-    similarity: F64
-    association: F64
-    association_recall: F64
-    association_precision: F64
+    truth: int  # True objects in all frames
+    found: int  # Boxes found in all frames
+    matches: F64  # (A,) float64
+    similarity: F64  # (A,) float64, sum over the matches
+    association: F64  # (A,) float64, likewise, of the share that the two tracks of a match have in common
+    association_recall: F64  # (A,) float64, of the share of the true track
+    association_precision: F64  # (A,) float64, of the share of the track found
 
 
 def similarity_of_distance(table: TrackTable) -> F64:

@@ -13,17 +13,11 @@ from lidcam.pipeline.evaluation.tracking.table import TrackTable
 
 @dataclass(frozen=True, slots=True)
 class IdentityCounts:
-    """Counts of matches if each true track has at most one track found for all of its time.
+    """Counts of matches if each true track has at most one track found for all of its time."""
 
-    Attributes:
-        truth: True objects in all frames.
-        found: Boxes found in all frames.
-        matches: Of both, those in frames in which the two tracks of a pair are near each other.
-    """
-
-    truth: int
-    found: int
-    matches: int
+    truth: int  # True objects in all frames
+    found: int  # Boxes found in all frames
+    matches: int  # Of both, those in frames in which the two tracks of a pair are near each other
 
 
 def count_identity(table: TrackTable) -> IdentityCounts:

@@ -11,25 +11,15 @@ from lidcam.pipeline.evaluation.near_objects import Candidates
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackRows(Table):
-    """True objects or boxes found, by frame, then class, then track. A track is in a frame and class at most once.
+    """True objects or boxes found, by frame, then class, then track. A track is in a frame and class at most once."""
 
-    Attributes:
-        frames: (N,) int32, number of the evaluated frame.
-        class_ids: (N,) int32.
-        tracks: (N,) int64.
-        yaws: (N,) float64.
-        ranges_m: (N,) float64, from the origin, along the ground.
-        scores: (N,) float64; 0 for a true object.
-        poses: (N, 3) float64, x, y (metres) and yaw over the ground; NaN where that is not known.
-    """
-
-    frames: I32
-    class_ids: I32
-    tracks: I64
-    yaws: F64
-    ranges_m: F64
-    scores: F64
-    poses: F64
+    frames: I32  # (N,) int32, number of the evaluated frame
+    class_ids: I32  # (N,) int32
+    tracks: I64  # (N,) int64
+    yaws: F64  # (N,) float64
+    ranges_m: F64  # (N,) float64, from the origin, along the ground
+    scores: F64  # (N,) float64; 0 for a true object
+    poses: F64  # (N, 3) float64, x, y (metres) and yaw over the ground; NaN where that is not known
 
     @classmethod
     def of(cls, frames: I32, boxes: OrientedBoxes, class_ids: I32, tracks: I64, scores: F64, poses: F64) -> "TrackRows":
@@ -53,23 +43,15 @@ class TrackTable:
     """The objects of one class that have to be found, and the boxes that a source found, with their tracks.
 
     No result depends on the order of the objects in a message. Tracks are numbered from 0.
-
-    Attributes:
-        stamps_ns: (F,) int64, time of each frame.
-        truth: N true objects.
-        found: M boxes found.
-        pairs: Pairs of `truth` and `found` that are near enough to be one object, or overlap.
-        max_distance_m: From this distance on a pair is no match.
-        length_m: Length of the class.
-        without_track: Boxes found that have no track, or share it with another box of their frame; not in the table.
     """
 
-    stamps_ns: I64
-    truth: TrackRows
-    found: TrackRows
-    pairs: Candidates
-    max_distance_m: float
-    length_m: float
+    stamps_ns: I64  # (F,) int64, time of each frame
+    truth: TrackRows  # N true objects
+    found: TrackRows  # M boxes found
+    pairs: Candidates  # Pairs of `truth` and `found` that are near enough to be one object, or overlap
+    max_distance_m: float  # From this distance on a pair is no match
+    length_m: float  # Length of the class
+    # Boxes found that have no track, or share it with another box of their frame; not in the table
     without_track: int = 0
 
     def within(self, max_range_m: float) -> "TrackTable":

@@ -23,25 +23,15 @@ MAX_RECORD_BYTES = 1 << 26
 
 @dataclass(slots=True)
 class Contents:
-    """Contents of a file, and their places.
+    """Contents of a file, and their places."""
 
-    Attributes:
-        schemas: By id.
-        channels: By id.
-        counts: Number of messages by channel id.
-        chunks: Where the chunks are.
-        loose: Messages outside of chunks.
-        start_ns: Log time of the first message.
-        end_ns: Log time of the last message (inclusive).
-    """
-
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    counts: Counter[int] = field(default_factory=Counter)
-    chunks: list[ChunkPlace] = field(default_factory=list)
-    loose: list[Entry] = field(default_factory=list)
-    start_ns: int = 2**64
-    end_ns: int = 0
+    schemas: dict[int, Schema] = field(default_factory=dict)  # By id
+    channels: dict[int, Channel] = field(default_factory=dict)  # By id
+    counts: Counter[int] = field(default_factory=Counter)  # Number of messages by channel id
+    chunks: list[ChunkPlace] = field(default_factory=list)  # Where the chunks are
+    loose: list[Entry] = field(default_factory=list)  # Messages outside of chunks
+    start_ns: int = 2**64  # Log time of the first message
+    end_ns: int = 0  # Log time of the last message (inclusive)
 
 
 def _reader(stream: BinaryIO, position: int, whence: int = 0) -> StreamReader:

@@ -37,21 +37,13 @@ _FILE_HEADER_BYTES, _PACKET_HEADER_BYTES = 24, 16
 
 
 class CapturedPacket(NamedTuple):
-    """One packet of a capture.
+    """One packet of a capture."""
 
-    Attributes:
-        time_ns: When it was captured; -1 if unknown.
-        link_type: Link type of its interface (https://www.tcpdump.org/linktypes.html); -1 if unknown.
-        position: Its first byte in the file.
-        size: Bytes that were captured.
-        head: The first of these, at most `HEAD_BYTES`.
-    """
-
-    time_ns: int
-    link_type: int
-    position: int
-    size: int
-    head: bytes
+    time_ns: int  # When it was captured; -1 if unknown
+    link_type: int  # Link type of its interface (https://www.tcpdump.org/linktypes.html); -1 if unknown
+    position: int  # Its first byte in the file
+    size: int  # Bytes that were captured
+    head: bytes  # The first of these, at most `HEAD_BYTES`
 
 
 def is_capture(magic: bytes) -> bool:

@@ -17,19 +17,12 @@ UNKNOWN_LINK = "unknown_link"
 
 
 class Udp(NamedTuple):
-    """A UDP packet.
+    """A UDP packet."""
 
-    Attributes:
-        source: Address of the sender, 4 bytes.
-        port: Destination port.
-        data_at: Offset of its data in the captured packet.
-        size: Bytes of its data.
-    """
-
-    source: bytes
-    port: int
-    data_at: int
-    size: int
+    source: bytes  # Address of the sender, 4 bytes
+    port: int  # Destination port
+    data_at: int  # Offset of its data in the captured packet
+    size: int  # Bytes of its data
 
 
 def find_udp(head: bytes, captured: int, link_type: int) -> Udp | str:

@@ -18,38 +18,24 @@ UINT32_PAIR = struct.Struct("<II")
 
 
 class ChunkData(NamedTuple):
-    """Place of a chunk's data.
+    """Place of a chunk's data."""
 
-    Attributes:
-        position: First byte of the data.
-        size: Bytes of the data in the file.
-        unpacked_size: Bytes of the records, as far as the file says.
-        compression: `none`, `bz2` or `lz4`.
-        is_cut: Whether the file ends inside them.
-    """
-
-    position: int
-    size: int
-    unpacked_size: int
-    compression: str
-    is_cut: bool = False
+    position: int  # First byte of the data
+    size: int  # Bytes of the data in the file
+    unpacked_size: int  # Bytes of the records, as far as the file says
+    compression: str  # `none`, `bz2` or `lz4`
+    is_cut: bool = False  # Whether the file ends inside them
 
 
 @dataclass(slots=True)
 class Contents:
-    """Contents of a bag, and their places.
+    """Contents of a bag, and their places."""
 
-    Attributes:
-        channels: By number of the connection.
-        chunks: Where the chunks are. A scan makes several of an uncompressed one that is damaged.
-        data: Their data by position of the chunk.
-        counts: Number of messages by connection.
-    """
-
-    channels: dict[int, Channel] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)  # By number of the connection
+    # Where the chunks are. A scan makes several of an uncompressed one that is damaged
     chunks: list[ChunkPlace] = field(default_factory=list)
-    data: dict[int, ChunkData] = field(default_factory=dict)
-    counts: Counter[int] = field(default_factory=Counter)
+    data: dict[int, ChunkData] = field(default_factory=dict)  # Their data by position of the chunk
+    counts: Counter[int] = field(default_factory=Counter)  # Number of messages by connection
 
 
 def contents_of_index(stream: BinaryIO) -> Contents:

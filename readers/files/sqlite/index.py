@@ -21,21 +21,13 @@ INTEGERS = " AND ".join(f"typeof({column}) = 'integer'" for column in ("timestam
 
 
 class Contents(NamedTuple):
-    """Contents of a database.
+    """Contents of a database."""
 
-    Attributes:
-        distro: ROS 2 release that recorded it, or empty.
-        definitions: Encoding and text of the message definitions by type.
-        rows: (N, 3) log time, id and topic id of every message, sorted by the first two.
-        topics: Id, name, type and serialization format of the topics.
-        type_hashes: By topic id.
-    """
-
-    distro: str
-    definitions: dict[str, tuple[str, str]]
-    rows: I64
-    topics: list[tuple[int, str, str, str]]
-    type_hashes: dict[int, str]
+    distro: str  # ROS 2 release that recorded it, or empty
+    definitions: dict[str, tuple[str, str]]  # Encoding and text of the message definitions by type
+    rows: I64  # (N, 3) log time, id and topic id of every message, sorted by the first two
+    topics: list[tuple[int, str, str, str]]  # Id, name, type and serialization format of the topics
+    type_hashes: dict[int, str]  # By topic id
 
 
 def contents_of_tables(

@@ -26,23 +26,14 @@ MAX_M = 1e8
 
 
 class FoundObjects(NamedTuple):
-    """The usable objects of one message, in recorded order.
+    """The usable objects of one message, in recorded order."""
 
-    Attributes:
-        stamp_ns: Stamp of the message.
-        frame_id: Frame of the boxes; empty if the message names none.
-        boxes: (N,) in that frame.
-        scores: (N,) float32 in [0, 1].
-        class_ids: (N,) int32, row of the configured classes.
-        unused: Number of other objects by reason, sorted by reason.
-    """
-
-    stamp_ns: int
-    frame_id: str
-    boxes: PosedBoxes
-    scores: F32
-    class_ids: I32
-    unused: Mapping[str, int]
+    stamp_ns: int  # Stamp of the message
+    frame_id: str  # Frame of the boxes; empty if the message names none
+    boxes: PosedBoxes  # (N,) in that frame
+    scores: F32  # (N,) float32 in [0, 1]
+    class_ids: I32  # (N,) int32, row of the configured classes
+    unused: Mapping[str, int]  # Number of other objects by reason, sorted by reason
 
 
 class ObjectClasses:

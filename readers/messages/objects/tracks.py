@@ -30,21 +30,13 @@ _X_Y_YAW_RATE = np.array([0, 1, 5])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundTracks:
-    """The tracks of one message, in recorded order.
+    """The tracks of one message, in recorded order."""
 
-    Attributes:
-        stamp_ns: Stamp of the message.
-        frame_id: Frame along whose axes velocities are given.
-        tracks: N tracks, each number once.
-        is_predicted: (N,) bool, whether nothing of the object was seen in the frame.
-        unused: Number of other tracks by reason, sorted by reason.
-    """
-
-    stamp_ns: int
-    frame_id: str
-    tracks: Tracks
-    is_predicted: Bools
-    unused: Mapping[str, int]
+    stamp_ns: int  # Stamp of the message
+    frame_id: str  # Frame along whose axes velocities are given
+    tracks: Tracks  # N tracks, each number once
+    is_predicted: Bools  # (N,) bool, whether nothing of the object was seen in the frame
+    unused: Mapping[str, int]  # Number of other tracks by reason, sorted by reason
 
     def __post_init__(self) -> None:
         check_array("is_predicted", self.is_predicted, (len(self.tracks),), np.bool_)

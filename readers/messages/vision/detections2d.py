@@ -29,21 +29,14 @@ DETECTIONS_2D = "vision_msgs/msg/Detection2DArray"
 
 
 class Detections2D(NamedTuple):
-    """The boxes of one message.
+    """The boxes of one message."""
 
-    Attributes:
-        boxes: Boxes of known classes, in recorded order.
-        labels: (N,) str, classes as recorded; a number as text in ROS 1.
-        ids: (N,) str, what the message calls each box; empty where it says nothing, as in ROS 1.
-        counts: (N,) float64 by name, hypotheses that count something (see `count_of`); NaN where a box has no such.
-        unused: Number of other detections by reason, sorted by reason.
-    """
-
-    boxes: Boxes2D
-    labels: Names
-    ids: Names
+    boxes: Boxes2D  # Boxes of known classes, in recorded order
+    labels: Names  # (N,) str, classes as recorded; a number as text in ROS 1
+    ids: Names  # (N,) str, what the message calls each box; empty where it says nothing, as in ROS 1
+    # (N,) float64 by name, hypotheses that count something (see `count_of`); NaN where a box has no such
     counts: Mapping[str, F64]
-    unused: Mapping[str, int]
+    unused: Mapping[str, int]  # Number of other detections by reason, sorted by reason
 
 
 @decoder

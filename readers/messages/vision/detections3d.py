@@ -40,33 +40,20 @@ _X_Y_YAW = np.array([0, 1, 5])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detections3D:
-    """The boxes of one message, in recorded order.
+    """The boxes of one message, in recorded order."""
 
-    Attributes:
-        stamp_ns: Stamp of the message.
-        frame_id: Frame of `centers`.
-        centers: (N, 3) float64, centre of the box, metres.
-        sizes: (N, 3) float64, length, width, height, metres.
-        yaws: (N,) float64, heading of the box's length about +z, in (-pi, pi]; of a tilted box, of its projection.
-        covariances: (N, 3, 3) float64 over x, y (m^2) and yaw (rad^2), of the best hypothesis.
-        scores: (N,) float32 in [0, 1], of the best hypothesis; 0 without one.
-        labels: (N,) str, class of the best hypothesis, a number as text in ROS 1; empty without one.
-        ids: (N,) str, the same for the same object in all messages; empty where the message has none.
-        counts: (N,) float64 by name, hypotheses that count something (see `count_of`); NaN where a box has no such.
-        unused: Number of other boxes by reason, sorted by reason.
-    """
-
-    stamp_ns: int
-    frame_id: str
-    centers: F64
-    sizes: F64
-    yaws: F64
-    covariances: F64
-    scores: F32
-    labels: Names
-    ids: Names
+    stamp_ns: int  # Stamp of the message
+    frame_id: str  # Frame of `centers`
+    centers: F64  # (N, 3) float64, centre of the box, metres
+    sizes: F64  # (N, 3) float64, length, width, height, metres
+    yaws: F64  # (N,) float64, heading of the box's length about +z, in (-pi, pi]; of a tilted box, of its projection
+    covariances: F64  # (N, 3, 3) float64 over x, y (m^2) and yaw (rad^2), of the best hypothesis
+    scores: F32  # (N,) float32 in [0, 1], of the best hypothesis; 0 without one
+    labels: Names  # (N,) str, class of the best hypothesis, a number as text in ROS 1; empty without one
+    ids: Names  # (N,) str, the same for the same object in all messages; empty where the message has none
+    # (N,) float64 by name, hypotheses that count something (see `count_of`); NaN where a box has no such
     counts: Mapping[str, F64]
-    unused: Mapping[str, int]
+    unused: Mapping[str, int]  # Number of other boxes by reason, sorted by reason
 
     def __post_init__(self) -> None:
         n = len(self.yaws)

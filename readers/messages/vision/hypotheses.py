@@ -17,26 +17,17 @@ _NO_COVARIANCE = np.zeros(36)
 
 
 class BoxRows(NamedTuple):
-    """The content of an array of boxes, as recorded.
+    """The content of an array of boxes, as recorded."""
 
-    Attributes:
-        frame_id: As recorded.
-        boxes: (N, 10) float64 in space: position x, y, z; orientation x, y, z, w; size x, y, z. (N, 5) in images:
-            centre x, y; angle; size x, y.
-        ids: Of each box.
-        of_box: Row of the box of each hypothesis.
-        labels: Class of each hypothesis; a number as text.
-        scores: (H,) float64.
-        covariances: (H, 36) float64, of each hypothesis' pose.
-    """
-
-    frame_id: str
+    frame_id: str  # As recorded
+    # (N, 10) float64 in space: position x, y, z; orientation x, y, z, w; size x, y, z. (N, 5) in images: centre x, y;
+    # angle; size x, y
     boxes: F64
-    ids: list[str]
-    of_box: list[int]
-    labels: list[str]
-    scores: F64
-    covariances: F64
+    ids: list[str]  # Of each box
+    of_box: list[int]  # Row of the box of each hypothesis
+    labels: list[str]  # Class of each hypothesis; a number as text
+    scores: F64  # (H,) float64
+    covariances: F64  # (H, 36) float64, of each hypothesis' pose
 
 
 def box_rows(

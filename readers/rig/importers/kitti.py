@@ -31,17 +31,11 @@ _KITTI_LINE = re.compile(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KittiCalibration:
-    """The content of a calibration file of KITTI.
+    """The content of a calibration file of KITTI."""
 
-    Attributes:
-        T_rect_velo: (4, 4) Velodyne to the rectified frame of camera 0, in which labels stand.
-        projections: (3, 4) rectified frame to pixels, by number of the camera.
-        sizes: Width and height in pixels, by number of the camera.
-    """
-
-    T_rect_velo: F64
-    projections: Mapping[int, F64]
-    sizes: Mapping[int, tuple[int, int]]
+    T_rect_velo: F64  # (4, 4) Velodyne to the rectified frame of camera 0, in which labels stand
+    projections: Mapping[int, F64]  # (3, 4) rectified frame to pixels, by number of the camera
+    sizes: Mapping[int, tuple[int, int]]  # Width and height in pixels, by number of the camera
 
 
 def import_kitti(text: str, path: Path) -> RigFile | None:

@@ -238,7 +238,7 @@ def test_result_that_was_cut_off(path: Path, tmp_path: Path) -> None:
         assert len(list(result.frames())) == FRAMES
         assert any("cut.mcap" in note for note in result.notes)
     cut.write_bytes(content[: whole - 100])  # its only chunk
-    with pytest.raises(RecordingError, match="cut.mcap: the file is damaged or was not closed"):
+    with pytest.raises(RecordingError, match=r"cut\.mcap: the file is damaged or was not closed"):
         open_result(cut)
 
 
