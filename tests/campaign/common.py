@@ -209,11 +209,10 @@ def run_child(
         timer.cancel()
         process.returncode = os.waitstatus_to_exitcode(status)  # Popen must not wait for it again
         seconds, peak_mib = time.monotonic() - started_s, usage.ru_maxrss // 1024
-        texts = []
-        for file in (out, err):
-            file.seek(0)
-            texts.append(file.read().decode(errors="replace"))
-        return Child(process.returncode, *texts, seconds, peak_mib, hung.is_set())
+        out.seek(0)
+        err.seek(0)
+        told, errors = (file.read().decode(errors="replace") for file in (out, err))
+        return Child(process.returncode, told, errors, seconds, peak_mib, hung.is_set())
 
 
 def is_one_line(text: str) -> bool:
