@@ -59,18 +59,15 @@ def _written(name: str, chance: Random, folder: Path) -> list[Path]:
 
 def _fault(done: Child) -> str:
     """What fell short in a run; empty if nothing did."""
-    if done.is_hung:
-        return f"more than {MAX_SECONDS:g} s"
-    if done.has_traceback:
-        return "a traceback"
-    if done.returncode not in EXIT_CODES:
-        return f"exit code {done.returncode}"
-    if done.peak_mib > MAX_MIB:
-        return f"more than {MAX_MIB} MiB"
     errors = [line for line in done.stderr.splitlines() if line.startswith("lidcam: error:")]
-    if done.returncode == 1 and len(errors) != 1:
-        return "not one line"
-    return ""
+    faults = {
+        f"more than {MAX_SECONDS:g} s": done.is_hung,
+        "a traceback": done.has_traceback,
+        f"exit code {done.returncode}": done.returncode not in EXIT_CODES,
+        f"more than {MAX_MIB} MiB": done.peak_mib > MAX_MIB,
+        "not one line": done.returncode == 1 and len(errors) != 1,
+    }
+    return next((told for told, is_so in faults.items() if is_so), "")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,10 +1,6 @@
-"""What the campaigns share: numbered cases that can be repeated, counted outcomes, children with limits.
+"""Numbered cases that can be repeated, counted outcomes, children with limits; imported first, as it sets the path.
 
-A campaign is a module beside this one, run as `python tests/campaign/NAME.py`. Its `main(arguments)` calls `campaign`
-with a function that tries one case and says how it went.
-
-Case N of seed S is the same on every machine, so that a failure is repeated with `--seed S --case N`. Importing this
-module puts the sources and `tests/support` on the path, so it is imported first.
+Case N of seed S is the same on every machine: a failure is repeated with `--seed S --case N`.
 """
 
 import argparse
@@ -36,8 +32,6 @@ LIDCAM = (sys.executable, "-P", "-m", "lidcam")
 """The program, for `run_child`, which sees to it that the sources tried are these."""
 
 KEPT = ROOT / "out" / "campaign"
-"""Where failures and results go."""
-
 MAX_KEPT = 20
 """Failures of one campaign that are kept; all are counted."""
 
@@ -46,14 +40,7 @@ MAX_LINE_CHARACTERS = 5000
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How one case went.
-
-    Attributes:
-        kind: What it is counted as.
-        is_fault: Whether it falls short of what is promised.
-        detail: What was seen, for whoever repeats the case.
-        files: What to keep of a fault, by file name.
-    """
+    """How one case went: what it is counted as, and the files to keep of a fault."""
 
     kind: str
     is_fault: bool = False
@@ -93,8 +80,7 @@ def campaign(
 
     Args:
         name: Of the campaign.
-        try_case: Tries the case of a number; all chance comes from the generator that it is given. What it raises is
-            a fault, too.
+        try_case: Tries the case of a number; all chance comes from its generator. What it raises is a fault, too.
         count: Cases without `--count` or `--minutes`.
         arguments: The command line; None: that of the process.
         max_case_s: What takes longer is a hang.
@@ -104,20 +90,17 @@ def campaign(
     """
     parser = argparse.ArgumentParser(prog=f"tests/campaign/{name}.py")
     parser.add_argument("--count", type=int, help=f"cases (default: {count}, or as many as --minutes allow)")
-    parser.add_argument("--minutes", type=float, help="how long")
+    parser.add_argument("--minutes", type=float, help="duration")
     parser.add_argument("--seed", type=int, default=1, help="of all chance (default: %(default)s)")
     parser.add_argument("--case", type=int, help="only this one, with its detail")
-    parser.add_argument(
-        "--out", type=Path, default=KEPT, help="where failures and the result go (default: out/campaign)"
-    )
+    parser.add_argument("--out", type=Path, default=KEPT, help="folder of failures and results (default: out/campaign)")
     options = parser.parse_args(arguments)
     folder = options.out / name
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    counts: Counter[str] = Counter()
-    faults: Counter[str] = Counter()
-    started = time.monotonic()
-    for number in _numbers(options.case, options.count, options.minutes, default=count):
+    counts, faults = Counter[str](), Counter[str]()
+    started_s = time.monotonic()
+    for number in _numbers(options, started_s, count):
         outcome = _tried(try_case, number, options.seed, max_case_s)
         counts[outcome.kind] += 1
         if outcome.is_fault:
@@ -126,32 +109,26 @@ def campaign(
                 _keep(folder / f"case{number}", outcome)
         if options.case is not None:
             print(f"case {number}: {outcome.kind}: {outcome.detail}")
-    seconds = time.monotonic() - started
-    peak_mib = (
-        max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) // 1024
-    )
-    print(f"{name}: seed {options.seed}, {counts.total()} cases, {seconds:.0f} s, at most {peak_mib} MiB")
+    seconds = round(time.monotonic() - started_s)
+    usages = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    peak_mib = max(usage.ru_maxrss for usage in usages) // 1024
+    print(f"{name}: seed {options.seed}, {counts.total()} cases, {seconds} s, at most {peak_mib} MiB")
     for kind, cases in sorted(counts.items(), key=lambda item: (item[0] not in faults, -item[1], item[0])):
         print(f"  {cases:>9}  {kind}{'  <- falls short' if kind in faults else ''}")
     if faults:
         print(f"  kept in {folder}; repeat one with --seed {options.seed} --case N")
-    record = {
-        "seed": options.seed,
-        "seconds": round(seconds),
-        "peak_mib": peak_mib,
-        "counts": dict(sorted(counts.items())),
-    }
-    (folder / "result.json").write_text(json.dumps(record | {"faults": dict(sorted(faults.items()))}, indent=2) + "\n")
+    record = {"seed": options.seed, "seconds": seconds, "peak_mib": peak_mib, "counts": counts, "faults": faults}
+    (folder / "result.json").write_text(json.dumps(record, indent=2, sort_keys=True) + "\n")
     return int(bool(faults))
 
 
-def _numbers(case: int | None, count: int | None, minutes: float | None, *, default: int) -> Iterator[int]:
-    if case is not None:
-        yield case
+def _numbers(options: argparse.Namespace, started_s: float, default: int) -> Iterator[int]:
+    if options.case is not None:
+        yield options.case
         return
-    end_s = time.monotonic() + 60 * minutes if minutes is not None else float("inf")
+    end_s = started_s + 60 * (options.minutes if options.minutes is not None else float("inf"))
     number = 0
-    most = count if count is not None else default if minutes is None else sys.maxsize
+    most = options.count if options.count is not None else default if options.minutes is None else sys.maxsize
     while number < most and time.monotonic() < end_s:
         yield number
         number += 1
@@ -164,8 +141,7 @@ def _tried(try_case: Callable[[int, Random], Outcome], number: int, seed: int, m
     except CaseTimeoutError as err:
         return Outcome("hang", is_fault=True, detail=str(err))
     except Exception as err:
-        kind = f"crash: {type(err).__name__}"
-        return Outcome(kind, is_fault=True, detail=traceback.format_exc())
+        return Outcome(f"crash: {type(err).__name__}", is_fault=True, detail=traceback.format_exc())
 
 
 def _keep(folder: Path, outcome: Outcome) -> None:
@@ -177,16 +153,7 @@ def _keep(folder: Path, outcome: Outcome) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Child:
-    """A process that has ended.
-
-    Attributes:
-        returncode: Its exit code; negative: the signal that killed it.
-        stdout: What it printed.
-        stderr: What it printed there.
-        seconds: How long it ran.
-        peak_mib: The most memory that it held.
-        is_hung: Whether it was killed because it took too long.
-    """
+    """A process that has ended; `returncode` is negative after a signal, `is_hung` after its time limit."""
 
     returncode: int
     stdout: str
@@ -210,25 +177,21 @@ def run_child(
     env: Mapping[str, str] | None = None,
     during: Callable[[subprocess.Popen[bytes]], None] | None = None,
 ) -> Child:
-    """Run a command to its end.
+    """Run a command to its end, with more variables than those of this process.
 
-    Args:
-        command: Program and arguments; `LIDCAM` is lidcam's.
-        timeout_s: When it is killed.
-        cwd: Its folder.
-        env: Its variables, on top of those of this process.
-        during: Called once it runs, for instance to send signals, by `os.kill`: the methods of Popen wait for a
-            process that has ended, which is done here.
+    `during` is called once it runs, for instance to send signals by `os.kill`: the methods of Popen wait for a process
+    that has ended, which is done here.
     """
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-        started = time.monotonic()
+        started_s = time.monotonic()
+        environment = os.environ | {"PYTHONPATH": SEARCHED[0]} | dict(env or {})
         process = subprocess.Popen(
-            [str(part) for part in command],
+            [*map(str, command)],
             stdin=subprocess.DEVNULL,
             stdout=out,
             stderr=err,
             cwd=cwd,
-            env=os.environ | {"PYTHONPATH": SEARCHED[0]} | dict(env or {}),
+            env=environment,
             start_new_session=True,
         )
         if during is not None:
@@ -244,18 +207,12 @@ def run_child(
         timer.start()
         _, status, usage = os.wait4(process.pid, 0)
         timer.cancel()
-        seconds = time.monotonic() - started
         process.returncode = os.waitstatus_to_exitcode(status)  # Popen must not wait for it again
+        seconds, peak_mib = time.monotonic() - started_s, usage.ru_maxrss // 1024
         out.seek(0)
         err.seek(0)
-        return Child(
-            process.returncode,
-            out.read().decode(errors="replace"),
-            err.read().decode(errors="replace"),
-            seconds,
-            usage.ru_maxrss // 1024,
-            hung.is_set(),
-        )
+        told, errors = (file.read().decode(errors="replace") for file in (out, err))
+        return Child(process.returncode, told, errors, seconds, peak_mib, hung.is_set())
 
 
 def is_one_line(text: str) -> bool:

@@ -10,7 +10,6 @@ import sqlite3
 import struct
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from random import Random
@@ -35,11 +34,9 @@ from builders import (
     transform_stamped,
     write_mcap,
 )
-from mcap.data_stream import RecordBuilder
-from mcap.reader import make_reader
 from video import encode
 
-from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.messages import RawMessage
 
 Hostile = Callable[[Random, Path], list[Path]]
 Messages = Iterator[RawMessage]
@@ -117,16 +114,6 @@ def clouds_of_many_points(chance: Random) -> Messages:
             yield _again(data, f"/l{lidar}/points", CLOUD, number, f"l{lidar}")
 
 
-def clouds_that_wait(chance: Random) -> Messages:
-    """Large clouds of one lidar that wait for another one, which never comes."""
-    data = bytes(_cloud("/a/points", 0, _many_points(chance, chance.choice([2_000_000, 9_000_000])), "a").data)
-    yield _statics(["a", "b"])
-    yield _cloud("/b/points", 0, frame_id="b")
-    for number in range(12):
-        yield _again(data, "/a/points", CLOUD, number, "a")
-    yield _cloud("/b/points", 30, frame_id="b")
-
-
 def raw_images(chance: Random) -> Messages:
     """Raw images of up to a hundred million pixels of several cameras, plain."""
     cameras, side = chance.choice([1, 8]), chance.choice([4000, 9900])
@@ -186,36 +173,6 @@ def tiny_messages(chance: Random) -> Messages:
         yield RawMessage(time_ns, time_ns, (0, 0), text, source)
 
 
-def tiny_clouds(chance: Random) -> Messages:
-    """Tens of thousands of empty clouds of many lidars."""
-    lidars, count = chance.choice([1, 200]), chance.choice([2000, 8000])
-    yield _statics([f"l{lidar}" for lidar in range(lidars)])
-    for number in range(count // lidars):
-        for lidar in range(lidars):
-            yield _cloud(f"/l{lidar}/points", number, frame_id=f"l{lidar}")
-
-
-def nested_json(chance: Random) -> Messages:
-    """JSON of lists in lists, or of millions of small objects."""
-    deep, wide = b'{"fields":' + b"[" * 5_000_000, b'{"fields":[' + b"{}," * 10_000_000 + b"{}]}"
-    data = chance.choice([deep, wide, b'{"point_stride":' + b"9" * 20_000_000 + b"}"])
-    source = Channel("/points", "foxglove.PointCloud", "json", "{}", "jsonschema")
-    for number in range(3):
-        yield RawMessage(0, _at(number), (0, 0), data, source)
-
-
-def chunks_of_zeros(chance: Random) -> Messages:
-    """Chunks of a quarter of a gigabyte with one large message each, that overlap in time."""
-    topics, points = chance.choice([1, 8]), chance.choice([60, 250]) * MIB // 12
-    yield _statics([f"l{topic}" for topic in range(topics)])
-    for number in range(12):
-        frame_id = f"l{number % topics}"
-        empty = pointcloud2(np.zeros((0, 3), np.float32), stamp_ns=_at(number), frame_id=frame_id)
-        head = serialize(CLOUD, {**empty, "width": points})
-        data = head[:-5] + struct.pack("<I", points * 12) + bytes(points * 12 + 1)
-        yield RawMessage(_at(number), START_NS, (0, 0), data, channel(f"/{frame_id}/points", CLOUD))
-
-
 def poses_without_end(chance: Random) -> Messages:
     """Hundreds of thousands of poses at one time, or far apart."""
     count, step_ns = chance.choice([10_000, 200_000]), chance.choice([0, 1, 10**12])
@@ -255,37 +212,6 @@ def compressed_database(chance: Random, folder: Path) -> list[Path]:
     return [path]
 
 
-def attachments_and_statistics(chance: Random, folder: Path) -> list[Path]:
-    """An MCAP file whose summary holds a million records: statistics, channels, chunks or metadata."""
-    path, count = folder / "a.mcap", chance.choice([10_000, 300_000])
-    kind = chance.choice(["chunks", "channels", "metadata", "statistics"])
-    write_mcap(path, _clouds(5))
-    data = path.read_bytes()
-    with path.open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    assert summary.statistics is not None
-    (topic,), chunk = summary.channels.values(), summary.chunk_indexes[0]
-    builder: Any = RecordBuilder()
-    for record in (*summary.schemas.values(), topic):
-        record.write(builder)
-    for number in range(count if kind == "channels" else 0):
-        replace(topic, id=2 + number % 60_000, topic=f"/t{number}").write(builder)
-    for number in range(count if kind == "chunks" else 1):
-        replace(chunk, chunk_start_offset=chunk.chunk_start_offset + number).write(builder)
-    for _ in range(count if kind == "metadata" else 0):
-        builder.start_record(12)
-        builder.write(struct.pack("<II", 1, 0) + b"a" + struct.pack("<I", 0))
-        builder.finish_record()
-    counts = dict.fromkeys(range(min(count, 65000)), 1) if kind == "statistics" else {1: 5}
-    chunks = count if kind == "chunks" else 1
-    replace(summary.statistics, channel_message_counts=counts, chunk_count=chunks).write(builder)
-    start = struct.unpack("<Q", data[-28:-20])[0]
-    footer = struct.pack("<BQQQI", 2, 20, start, 0, 0)
-    path.write_bytes(data[:start] + builder.end() + footer + data[-8:])
-    return [path]
-
-
 def capture_of_many_lidars(chance: Random, folder: Path) -> list[Path]:
     """A network capture of packets of nothing: many senders, sizes that lie."""
     out = io.BytesIO()
@@ -308,19 +234,15 @@ def _written(hostile: Callable[[Random], Messages], chance: Random, folder: Path
 
 MESSAGES = (
     clouds_of_many_points,
-    clouds_that_wait,
     raw_images,
     compressed_images,
     videos,
     many_boxes,
     many_transforms,
     tiny_messages,
-    tiny_clouds,
-    nested_json,
-    chunks_of_zeros,
     poses_without_end,
 )
-CONTAINERS = (compressed_database, attachments_and_statistics, capture_of_many_lidars)
+CONTAINERS = (compressed_database, capture_of_many_lidars)
 HOSTILE: dict[str, Hostile] = {
     **{one.__name__.replace("_", " "): partial(_written, one) for one in MESSAGES},
     **{one.__name__.replace("_", " "): one for one in CONTAINERS},

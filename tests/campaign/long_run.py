@@ -1,8 +1,7 @@
 """A long recording: `python tests/campaign/long_run.py [--recorded-minutes M] [--count N] [--seed S]`.
 
-Every case records M minutes at 10 Hz (two lidars, two cameras, boxes of one of them, odometry: 600 frames a minute) and
-processes them; every other case with a Rerun recording, too. Memory and rate must be at the end what they were at the
-start, the outputs must hold every frame, and must open at once. The figures are printed.
+Every case processes M minutes at 10 Hz; every other one with a Rerun recording, too. Memory and rate must be at the end
+what they were at the start, the outputs must hold every frame, and must open at once. The figures are printed.
 """
 
 import argparse
@@ -17,20 +16,10 @@ from pathlib import Path
 from random import Random
 
 from common import Outcome, campaign, run_child  # isort: skip
-import cv2
 import numpy as np
-from builders import (
-    camera_info,
-    detection2d_array,
-    header,
-    odometry,
-    pointcloud2,
-    raw,
-    tf_message,
-    transform_stamped,
-    write_mcap,
-)
+from builders import odometry, raw, write_mcap
 from mcap.reader import make_reader
+from small_drive import START_NS, STEP_NS, small_drive
 
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.processing import RunObserver, process_recording
@@ -38,9 +27,8 @@ from lidcam.readers.open import open_recording
 from lidcam.run.job import make_job
 from lidcam.run.tally import RunProgress
 
-START_NS, STEP_NS = 1_700_000_000 * 10**9, 100_000_000
 VARIANTS = 20
-"""Clouds and images differ from frame to frame, and repeat after so many."""
+"""Frames after which the recording repeats itself."""
 
 MAX_GROWTH_MIB = 64
 """Of memory from the second tenth of a run to the last."""
@@ -66,11 +54,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return campaign("long_run", try_one, count=2, arguments=others, max_case_s=2 * limit_s)
 
 
-def _try_case(number: int, chance: Random, *, frames: int, limit_s: float) -> Outcome:
+def _try_case(number: int, _: Random, *, frames: int, limit_s: float) -> Outcome:
     with tempfile.TemporaryDirectory(prefix="long_run-") as folder:
         recording, output = Path(folder, "in.mcap"), Path(folder, "out.mcap")
         outputs = [output, *([Path(folder, "out.rrd")] if number % 2 else [])]
-        write_mcap(recording, _recorded(frames, chance.randrange(2**32)), "zstd")
+        write_mcap(recording, _recorded(frames), "zstd")
         child = run_child([sys.executable, __file__, "--process", recording, *outputs], timeout_s=limit_s)
         if child.returncode or child.is_hung:
             return Outcome("does not end well", is_fault=True, detail=child.stderr)
@@ -86,15 +74,14 @@ def _try_case(number: int, chance: Random, *, frames: int, limit_s: float) -> Ou
             f"outputs {size_mib:.0f} MiB, the MCAP opens in {opened_s:.2f} s"
         )
         print(detail, flush=True)
-        if found != frames:
-            return Outcome(f"{kind}: frames are missing", is_fault=True, detail=detail)
-        if late[1] - early[1] > MAX_GROWTH_MIB:
-            return Outcome(f"{kind}: memory grows", is_fault=True, detail=detail)
-        if late[0] < MIN_RATE * early[0] and frames > 1000:
-            return Outcome(f"{kind}: becomes slower", is_fault=True, detail=detail)
-        if opened_s > MAX_OPEN_S:
-            return Outcome(f"{kind}: opens slowly", is_fault=True, detail=detail)
-        return Outcome(f"{kind}: as at the start", detail=detail)
+        faults = {
+            "frames are missing": found != frames,
+            "memory grows": late[1] - early[1] > MAX_GROWTH_MIB,
+            "becomes slower": late[0] < MIN_RATE * early[0] and frames > 1000,
+            "opens slowly": opened_s > MAX_OPEN_S,
+        }
+        fault = next((told for told, is_so in faults.items() if is_so), "")
+        return Outcome(f"{kind}: {fault or 'as at the start'}", bool(fault), detail)
 
 
 def _tenths(samples: list[list[float]], tenth: int) -> tuple[float, float]:
@@ -133,56 +120,23 @@ def _opened(output: Path) -> tuple[float, int]:
     return seconds, summary.statistics.channel_message_counts[fused]
 
 
-def _recorded(frames: int, seed: int) -> Iterator[RawMessage]:
-    """The messages of the recording, one after the other."""
-    yield _static()
-    variants = [list(_varied(number, seed)) for number in range(VARIANTS)]
+def _recorded(frames: int) -> Iterator[RawMessage]:
+    """The small drive again and again, along a circle of 60 m."""
+    static, *drive = small_drive("cdr", frames=VARIANTS, motion="none", kinds=("images", "boxes"))
+    size = len(drive) // VARIANTS
+    yield static
     for frame in range(frames):
         at_ns = START_NS + frame * STEP_NS
         seconds, rest_ns = divmod(at_ns, 10**9)
         stamp = seconds.to_bytes(4, "little") + rest_ns.to_bytes(4, "little")
-        for message in variants[frame % VARIANTS]:  # in CDR, each begins with a header
-            yield message._replace(log_time_ns=at_ns, data=bytes(message.data[:4]) + stamp + bytes(message.data[12:]))
-        angle = frame / 300  # a circle of 60 m, driven at 3 m/s and more
+        angle = frame / 300
         pose = odometry(stamp_ns=at_ns, position=(30 * np.sin(angle), 30 - 30 * np.cos(angle), 0.0))
         yield raw("/odom", "nav_msgs/msg/Odometry", pose, at_ns)
-
-
-def _static() -> RawMessage:
-    to_optical = (-0.5, 0.5, -0.5, 0.5)
-    edges = []
-    for side, sign in (("left", 1), ("right", -1)):
-        at = {"translation": (0, 0.5 * sign, 1.8)}, {"translation": (0, 0.3 * sign, 1.5), "rotation_xyzw": to_optical}
-        edges += [
-            transform_stamped("base_link", f"{kind}_{side}", stamp_ns=START_NS, **pose)  # type: ignore[arg-type]
-            for kind, pose in zip(("lidar", "cam"), at, strict=True)
-        ]
-    return raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(edges), START_NS)
-
-
-def _varied(number: int, seed: int) -> Iterator[RawMessage]:
-    """The messages of one frame."""
-    chance = np.random.default_rng([seed, number])
-    K = np.array([[120.0, 0, 80], [0, 120, 60], [0, 0, 1]])
-    for side in ("left", "right"):
-        ground = np.column_stack([chance.uniform(-30, 30, (2000, 2)), chance.normal(-1.8, 0.02, 2000)])
-        moved = 0.1 * number
-        places = np.array([[8 + moved, 0, 0], [15 + moved, 4, 0], [moved - 10, -5, 0]])
-        cars = [place + chance.uniform([-2.0, -0.9, -1.7], [2.0, 0.9, -0.3], (200, 3)) for place in places]
-        xyz = np.concatenate([ground, *cars]).astype(np.float32)
-        cloud = pointcloud2(xyz, stamp_ns=START_NS, frame_id=f"lidar_{side}")
-        yield raw(f"/{side}/points", "sensor_msgs/msg/PointCloud2", cloud, START_NS)
-        camera = f"cam_{side}"
-        info = camera_info(K, stamp_ns=START_NS, width_px=160, height_px=120, frame_id=camera)
-        yield raw(f"/{camera}/camera_info", "sensor_msgs/msg/CameraInfo", info, START_NS)
-        pixels = cv2.resize(chance.integers(0, 256, (12, 16, 3), np.uint8), (160, 120))
-        jpeg = cv2.imencode(".jpg", pixels)[1].ravel()
-        shot = {"header": header(START_NS, camera), "format": "jpeg", "data": jpeg}
-        yield raw(f"/{camera}/image/compressed", "sensor_msgs/msg/CompressedImage", shot, START_NS)
-    boxes = detection2d_array(
-        [[60, 40, 100, 80]], class_names=["car"], scores=[0.9], stamp_ns=START_NS, frame_id="cam_left"
-    )
-    yield raw("/cam_left/detections", "vision_msgs/msg/Detection2DArray", boxes, START_NS)
+        first = frame % VARIANTS * size
+        for message in drive[first : first + size]:  # in CDR, each begins with a header
+            data = bytes(message.data[:4]) + stamp + bytes(message.data[12:])
+            log_time_ns = at_ns + message.log_time_ns - message.stamp_ns
+            yield message._replace(stamp_ns=at_ns, log_time_ns=log_time_ns, data=data)
 
 
 if __name__ == "__main__":

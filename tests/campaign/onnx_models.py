@@ -1,9 +1,7 @@
 """Hostile and damaged ONNX files: `python tests/campaign/onnx_models.py [--minutes M | --count N] [--seed S]`.
 
-Small networks of every layout are cut, overwritten, given absurd sizes, types, outputs and names of classes, operators
-that nobody has, loops without end, tensors that would fill any memory, and weights in other files, inside their folder
-and out of it. Each is loaded and run in a process of its own. It may work; else one `ModelError` in one line must say
-why, in bounded time and memory, and nothing outside of the model's folder may be read.
+Each is loaded and run in a process of its own. It may work; else one `ModelError` in one line must say why, in bounded
+time and memory, and nothing outside of the model's folder may be read.
 """
 
 import sys
@@ -69,7 +67,7 @@ def _try_case(number: int, chance: Random) -> Outcome:
         np.full(OUTPUT, 0.25, np.float32).tofile(folder / "inside.bin")
         (folder / "link.bin").symlink_to("../outside.bin")
         path = folder / "a.onnx"
-        make = HOSTILE[number % len(HOSTILE)] if number % 2 else chance.choice((_bytes_changed, _cut, _fields_changed))
+        make = HOSTILE[number % len(HOSTILE)] if number % 2 else chance.choice((_bytes_changed, _cut))
         told, may_work = make(path, chance)
         child = run_child(
             [sys.executable, "-c", LOAD, path], timeout_s=MAX_SECONDS, env={"HOME": scratch, "OMP_NUM_THREADS": "1"}
@@ -78,17 +76,18 @@ def _try_case(number: int, chance: Random) -> Outcome:
         detail += (child.stdout + child.stderr)[-2000:]
         files = {"a.onnx": path.read_bytes()}
     said = child.stdout.strip()
-    if child.is_hung:
-        return Outcome("hang", is_fault=True, detail=detail, files=files)
-    if child.has_traceback or child.returncode:
-        return Outcome("crash", is_fault=True, detail=detail, files=files)
-    if child.peak_mib > MAX_MIB:
-        return Outcome("memory", is_fault=True, detail=detail, files=files)
-    if not is_one_line(said) or child.stderr.strip():
-        return Outcome("more than one line", is_fault=True, detail=detail, files=files)
-    if said.startswith("works") and not may_work:
-        return Outcome("works, and must not", is_fault=True, detail=detail, files=files)
-    return Outcome("works" if said.startswith("works") else "told", detail=detail)
+    works = said.startswith("works")
+    faults = {
+        "hang": child.is_hung,
+        "crash": child.has_traceback or child.returncode != 0,
+        "memory": child.peak_mib > MAX_MIB,
+        "more than one line": not is_one_line(said) or child.stderr.strip() != "",
+        "works, and must not": works and not may_work,
+    }
+    for kind, is_fault in faults.items():
+        if is_fault:
+            return Outcome(kind, is_fault=True, detail=detail, files=files)
+    return Outcome("works" if works else "told", detail=detail)
 
 
 def _sound(path: Path, chance: Random) -> Path:
@@ -117,17 +116,6 @@ def _cut(path: Path, chance: Random) -> tuple[str, bool]:
     data = _sound(path, chance).read_bytes()
     path.write_bytes(data[: chance.choice((0, 1, chance.randrange(len(data)), len(data) - 1))])
     return "cut", False
-
-
-def _fields_changed(path: Path, chance: Random) -> tuple[str, bool]:
-    """Parts of the file exchanged, doubled or dropped."""
-    data = _sound(path, chance).read_bytes()
-    at, size = chance.randrange(900), chance.randrange(1, 200)
-    piece = data[at : at + size]
-    to = chance.randrange(900)
-    changed = chance.choice((data[:at] + data[at + size :], data[:to] + piece + data[to:], data + piece))
-    path.write_bytes(changed)
-    return "pieces moved", True
 
 
 def _sizes(path: Path, chance: Random) -> tuple[str, bool]:
@@ -254,40 +242,9 @@ def _names(path: Path, chance: Random) -> tuple[str, bool]:
     return f"{key} {text[:20]!r}", key in {"stride", "imgsz"}
 
 
-def _odd_outputs(path: Path, chance: Random) -> tuple[str, bool]:
-    """Outputs that look like a layout and hold what no network gives, or hardly end."""
-    rows = chance.choice((0, 1, 300, 1_000_000))
-    value = chance.choice((0.5, -1.0, 1e38, 3e9))
-    shapes = chance.choice(({"output0": (rows, 6)}, {"boxes": (rows, 4), "scores": (rows, 3)}, {"output0": (rows, 5)}))
-    outputs = {name: np.full(shape, value, np.float32) for name, shape in shapes.items()}
-    write_network(path, outputs, size_px=SIZE_PX, metadata={"names": "[a, b, c]"}, batch=chance.choice((1, 64)))
-    return f"outputs {shapes} of {value}", True
-
-
-def _deep(path: Path, chance: Random) -> tuple[str, bool]:
-    """Messages in messages, as deep as it takes."""
-    data = b""
-    for _ in range(chance.choice((90, 200, 20_000))):
-        data = _bytes(chance.choice((7, 6, 1)), data) if len(data) < 1 << 20 else data
-    path.write_bytes(_varint_field(1, 6) + _bytes(7, data))
-    return "nested messages", False
-
-
-def _many(path: Path, chance: Random) -> tuple[str, bool]:
-    count = chance.choice((1000, 20_000))
-    _network(path, [_node("Relu", [f"r{i}" if i else "images"], f"r{i + 1}") for i in range(count)])
-    return f"{count} nodes", True
-
-
-def _another_file(path: Path, chance: Random) -> tuple[str, bool]:
-    pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 3660092\n"
-    path.write_bytes(chance.choice((pointer, chance.randbytes(5000), b"\x7fELF" + bytes(1000), bytes(1 << 20))))
-    return "another kind of file", False
-
-
 Make = Callable[[Path, Random], tuple[str, bool]]
 OFTEN: tuple[Make, ...] = (_sizes, _outside, _huge_constant)
-ONCE: tuple[Make, ...] = (_loop, _tiles, _custom, _not_finite, _deep, _many, _another_file, _names, _odd_outputs)
+ONCE: tuple[Make, ...] = (_loop, _tiles, _custom, _not_finite, _names)
 HOSTILE = 2 * OFTEN + ONCE
 
 if __name__ == "__main__":

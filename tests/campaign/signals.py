@@ -1,11 +1,9 @@
 """Signals at any time: `python tests/campaign/signals.py [--minutes M | --count N] [--seed S]`.
 
-Each case runs a command and sends it SIGINT, SIGTERM or SIGHUP at a random time of its run, to the process alone or, as
-a terminal does, to all processes of its group, and sometimes a second one soon after. It must end at once, with exit
-code 128 + N and one line, and leave no output, no temporary file and no process; or its outputs are whole. What the
-interpreter does before it has come to lidcam's code, or after its end, is counted apart: there the system's own
-handling acts. One case in four sends SIGKILL: each output is whole or missing, the main one is there only with all
-others, and the next run removes what is left and succeeds.
+A command gets SIGINT, SIGTERM or SIGHUP at a random time, alone or with its group, and sometimes a second one soon
+after. It must end at once, with exit code 128 + N and one line, and leave no output, no temporary file and no process;
+or its outputs are whole. What the interpreter does before and after lidcam's code is counted apart. After SIGKILL each
+output is whole or missing, the main one is there only with all others, and the next run cleans up and succeeds.
 """
 
 import hashlib

@@ -46,15 +46,7 @@ Key = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """What a run made of a recording.
-
-    Attributes:
-        frames: The messages of each frame, by topic and checksum.
-        stamps_ns: Of the frames.
-        compensated: Frames whose clouds were compensated for motion.
-        accounted: Messages used or dropped, by topic.
-        losses: Damaged parts of the file.
-    """
+    """What a run made of a recording: messages of each frame, messages used or dropped by topic, and more."""
 
     frames: frozenset[frozenset[Key]]
     stamps_ns: tuple[int, ...]

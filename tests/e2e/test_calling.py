@@ -102,46 +102,10 @@ def test_help(lidcam: Lidcam, command: str) -> None:
     assert commands or "--log-file FILE" in done.out
 
 
-def test_both_programs_tell_their_version(lidcam: Lidcam) -> None:
-    done = subprocess.run([f"{PROGRAM}-process", "--version"], capture_output=True, text=True, check=True)
-    assert done.stdout == lidcam("--version").out
-    assert done.stdout.startswith("lidcam ")
-
-
-def test_a_path_is_a_file_even_if_a_preset_has_its_name(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
-    (tmp_path / "road").write_text("fuse: {min_scor: 0.1}", encoding="utf-8")
-    done = lidcam("inspect", sandbox, "--config", "./road", folder=tmp_path)
-    line = "lidcam: error: ./road: unknown key 'fuse.min_scor': did you mean 'fuse.min_score'?"
-    assert (done.code, done.error_line) == (1, line)
-
-
-def test_strict(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out.mcap"
-    cut = tmp_path / "cut.bag"
-    cut.write_bytes(sandbox.read_bytes()[:3_000_000])
-    run = lidcam("process", cut, out, "--config", "sandbox", *PART, "--strict")
-    assert run.code == 1
-    assert run.err.splitlines()[-1].startswith(f"lidcam: error: --strict: {cut}: 1 damaged part")
-    assert "the outputs are complete" in run.err
-    assert frames_in(out) >= 2
-    assert "run\n" in run.out  # the tables are printed all the same
-
-
-@pytest.mark.parametrize("shell_name", ["bash", "zsh", "fish"])
-def test_completion_scripts(shell_name: str, tmp_path: Path) -> None:
-    for program in ("lidcam", "lidcam-process"):
-        variable = f"_{program.replace('-', '_').upper()}_COMPLETE"
-        done = shell(f"{PROGRAM.with_name(program)}", tmp_path, **{variable: f"source_{shell_name}"})
-        assert done.returncode == 0, done.stderr
-        assert f"complete_{shell_name}" in done.stdout
-
-
 @pytest.mark.parametrize(
     ("line", "found"),
     [
-        ("lidcam in", ["inspect"]),
         ("lidcam simulate s", ["sandbox"]),
-        ("lidcam process --on", ["--on-bad-message"]),
         ("lidcam process --on-bad-message ", ["skip", "fail"]),
     ],
 )
@@ -154,27 +118,6 @@ def test_the_shell_completes(line: str, found: list[str], tmp_path: Path) -> Non
     assert done.stderr == ""
 
 
-def test_completion_is_installed_for_the_shell(tmp_path: Path) -> None:
-    # The shell is the parent process: bash that has only one command to run would be replaced by it.
-    done = shell(f"{PROGRAM} --install-completion; exit $?", tmp_path, HOME=str(tmp_path))
-    assert done.returncode == 0, done.stderr
-    assert "installed" in done.stdout
-    assert any("lidcam" in path.name for path in tmp_path.rglob("*") if path.is_file())
-
-
-def test_the_demo_prints_what_the_readme_shows(lidcam: Lidcam, tmp_path: Path) -> None:
-    readme = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
-    table = readme.split("and prints what it found:\n\n```\n")[1].split("...\n```")[0]
-    assert table.startswith("road users")
-    run = lidcam("demo", tmp_path / "a" / "b", "-q")
-    assert (run.code, run.err) == (0, "")
-    assert frames_in(tmp_path / "a" / "b" / "sandbox.mcap") == 20
-    assert run.out.startswith(table)
-    _, shown = run.out.split("\nLook at it:\n")
-    assert f"rerun {tmp_path}/a/b/sandbox.rrd" in shown
-    assert f"inspect {tmp_path}/a/b/sandbox.bag" in shown
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_standard_output_on_a_full_disk_is_an_error_in_one_line(sandbox: Path, tmp_path: Path) -> None:
     done = shell(f"{PROGRAM} inspect {sandbox} > /dev/full", tmp_path)
@@ -182,7 +125,7 @@ def test_standard_output_on_a_full_disk_is_an_error_in_one_line(sandbox: Path, t
     assert done.stderr == "lidcam: error: standard output: No space left on device\n"
 
 
-@pytest.mark.parametrize(("kib", "mode"), [(10, "none"), (50, "none"), (50, "offline")])
+@pytest.mark.parametrize(("kib", "mode"), [(10, "none"), (50, "offline")])
 def test_outputs_on_a_full_disk_are_an_error_in_one_line(kib: int, mode: str, tmp_path: Path) -> None:
     """The size of a file is limited; coverage would write files, too, and Python keeps modules that are cut off."""
     write_mcap(tmp_path / "drive.mcap", small_drive("cdr", frames=30))

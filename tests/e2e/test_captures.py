@@ -7,23 +7,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from builders import write_rosbag1
 from captures import capture_of, ethernet, ip_packet, pcap
 from logging_state import kept_logging
 from results import fused_objects, messages_of, topics_of
-from velodyne import START_NS, packet_stream, random_packets
+from velodyne import START_NS, random_packets
 
 from lidcam.cli.inspect import inspect
 from lidcam.cli.process import run_process
-from lidcam.pipeline.core.errors import CalibrationError, ConfigError, IncompleteError, MessageError, RecordingError
+from lidcam.pipeline.core.errors import CalibrationError, ConfigError, IncompleteError, RecordingError
 from lidcam.run.job import make_job
 
 PAYLOAD, STAMPS_NS = random_packets("VLP-16", packets=170, start=0)
 LEFT, RIGHT = "/velodyne_10_0_0_1/packets", "/velodyne_10_0_0_2/packets"
 FAST = ("detect3d.method=none", "combine.outliers.enabled=false", "combine.ground.enabled=false")
 """Points at random are long looked at, and none is an object."""
-
-FOREIGN = "packets with blocks that a VLP-16 does not send"
 
 
 @pytest.fixture(scope="module")
@@ -88,19 +85,3 @@ def test_several_lidars_need_their_poses(captures: Path, capsys: pytest.CaptureF
         f"  right: {{topic: {RIGHT}, translation_m: [0, -1, 2]}}\n"
     )
     assert processed(capsys, captures / "two.pcap", out=out, rig=rig)["messages_used"] == {LEFT: 3, RIGHT: 3}
-
-
-def test_packets_that_cannot_be_used_are_in_the_table(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    foreign = PAYLOAD[:70].copy()
-    foreign[[3, 30]] = 0x55
-    foreign[40, 200] = 0
-    messages = packet_stream(foreign, STAMPS_NS[:70], encoding="ros1")
-    messages[50] = messages[50]._replace(data=messages[50].data[:1000])
-    path, out = tmp_path / "foreign.bag", tmp_path / "out.mcap"
-    write_rosbag1(path, messages)
-    table = processed(capsys, path, out=out)
-    assert (table["messages_used"], table["exit_code"]) == ({"/velodyne_packets": 1}, 3)
-    counts = {drop["reason"]: drop["count"] for drop in table["drops"]}
-    assert counts == {FOREIGN: 3, "packets that cannot be decoded": 1}
-    with pytest.raises(MessageError, match="found 1000 bytes"):
-        processed(capsys, path, out=out, on_bad_message="fail")

@@ -126,18 +126,6 @@ def test_scripted_keys_give_the_same_bytes_each_time(lidcam: Lidcam, tmp_path: P
     assert drives(tmp_path / "c.bag", "car1") == [(0.3, 0.0), (0.3, -0.49)]
 
 
-def test_a_drawn_world_is_recorded_and_again_from_its_scenario(lidcam: Lidcam, tmp_path: Path) -> None:
-    options = ("--duration", 0.5, "--set", "cameras={}")
-    done = lidcam("simulate", "random", tmp_path / "a.bag", "--family", "sandbox", "--seed", 2, *options)
-    assert done.code == 0, done.err
-    done = lidcam("simulate", tmp_path / "a.bag.scenario.yaml", tmp_path / "b.bag", "--duration", 0.5)
-    assert done.code == 0, done.err
-    assert (tmp_path / "a.bag").read_bytes() == (tmp_path / "b.bag").read_bytes()
-    done = lidcam("simulate", "sandbox", tmp_path / "c.bag", "--family", "road")
-    assert done.code == 2
-    assert "expected the scenario random, found sandbox" in done.err
-
-
 def test_lidcam_opens_what_it_simulated(lidcam: Lidcam, tmp_path: Path) -> None:
     scenario = write_small_scenario(tmp_path / "small.yaml", lidars__top__output="both", lidars__top__firing_stride=1)
     done = lidcam("simulate", scenario, tmp_path / "out.mcap", "--duration", 0.5)

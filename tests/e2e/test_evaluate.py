@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shlex
 import shutil
 import subprocess
 import sys
@@ -64,19 +63,6 @@ def test_a_workflow_pins_what_it_uses(path: Path) -> None:
     used = [step["uses"] for step in steps(path) if "uses" in step]
     assert len(used) >= 3
     assert all(re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", one) for one in used)
-
-
-def test_the_bucket_workflow_has_options_that_there_are(lidcam: Lidcam) -> None:
-    """With recordings that are not there, it fails for these alone; test_object_store runs such commands."""
-    install, command = (step["run"] for step in steps(BUCKET_WORKFLOW) if "run" in step)
-    assert install.startswith("pip install 'lidcam[s3]==")
-    words = shlex.split(command.replace("s3://bucket/logs", "nothing"))
-    program, *arguments = words[: words.index(">")]
-    run = lidcam(*arguments)
-    assert (program, run.code) == ("lidcam", 1)
-    assert run.error_line.endswith(
-        "nothing: expected a recording or a folder of recordings, found nothing of this name"
-    )
 
 
 def test_the_workflow_runs(sandbox: Path, first_messages: dict[str, list[RawMessage]], tmp_path: Path) -> None:

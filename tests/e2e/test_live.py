@@ -94,25 +94,6 @@ def test_what_cannot_be_served(tmp_path: Path, options: tuple[str, ...], told: s
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidcam.outputs.writers.find_spec", lambda _: None)
-    done = called(tmp_path, "process", SANDBOX, "out.mcap", "--duration", "0.2", "--workers", "1", "--foxglove", 0)
-    assert done.error_line.endswith("which is not installed: pip install 'lidcam[foxglove]'")
-
-
-@pytest.mark.parametrize(
-    ("given", "address"),
-    [
-        (8765, ("127.0.0.1", 8765)),
-        ("8765", ("127.0.0.1", 8765)),
-        ("0.0.0.0:1", ("0.0.0.0", 1)),
-        ("[::1]:2", ("::1", 2)),
-    ],
-)
-def test_addresses(given: int | str, address: tuple[str, int]) -> None:
-    assert lidcam.make_job(SANDBOX, foxglove=given).foxglove == address
-
-
 def test_a_run_keeps_the_pace_of_its_recording(monkeypatch: pytest.MonkeyPatch) -> None:
     """Seen by a clock that only the waiting moves."""
     now_s, seen = 100.0, list[tuple[float, float]]()

@@ -16,7 +16,7 @@ from lidcam.pipeline.core.messages import RawMessage
 
 START_NS = 1_700_000_000 * 10**9
 STEP_NS = 100_000_000
-CAMERAS = [f"cam{number}" for number in range(1, 9)]
+CAMERAS = [f"cam{number}" for number in range(1, 6)]
 LIDARS = ["front", "rear"]
 Taken = Callable[[str, int], bool]
 

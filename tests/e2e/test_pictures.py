@@ -88,13 +88,3 @@ def test_images_that_are_not_read(option: str, name: str, tmp_path: Path, sandbo
     refused = lidcam("process", sandbox, tmp_path / "out.mcap", option, tmp_path / name, *without)
     assert refused.error_line.endswith(f"{name}: needs images: set output.images=true")
     assert [*tmp_path.iterdir()] == []
-
-
-def test_a_film_without_the_extra(
-    tmp_path: Path, sandbox: Path, lidcam: Lidcam, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delitem(sys.modules, "lidcam.writers.pictures.film", raising=False)
-    monkeypatch.setitem(sys.modules, "av", None)
-    done = lidcam("process", sandbox, tmp_path / "out.mcap", "--video", tmp_path / "out.mp4", *PART)
-    assert done.error_line.endswith("out.mp4: a film needs PyAV: pip install 'lidcam[video]'")
-    assert [*tmp_path.iterdir()] == []

@@ -9,7 +9,6 @@ from command import Lidcam
 from mcap.reader import make_reader
 
 import lidcam as library
-from lidcam.bags.simulator.scenario.load import load_scenario, scenario_names
 from lidcam.pipeline.core.settings.bundled import PRESETS
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.run.summary import summary_tree
@@ -36,23 +35,14 @@ def test_the_sample_of_the_sandbox_gives_objects_without_a_flag(lidcam: Lidcam, 
     assert yaml.safe_load(config)["classes"][0]["size_m"] == [0.33, 0.22, 0.21]
 
 
-def test_the_judgement_depends_on_the_recording_alone(lidcam: Lidcam, tmp_path: Path) -> None:
-    options = ("--start", "1", "--duration", "0.3", "--workers", "1")
-    found = json.loads(lidcam("process", BAGS / "sandbox.bag", tmp_path / "o.mcap", "--json", *options).out)["settings"]
-    assert found.pop("extent_m") == pytest.approx([5.48, 3.88], abs=0.05)
-    assert found.pop("lidar_height_m") == pytest.approx(0.256, abs=0.01)
-    assert len(found.pop("sha256")) == 64
-    assert found == {"name": "sandbox", "how": "judged", "moves": False}
-
-
 def test_the_sample_of_the_crossing_gives_what_its_settings_give(lidcam: Lidcam, tmp_path: Path) -> None:
-    done = lidcam("process", BAGS / "crossing.mcap", tmp_path / "out.mcap", "--json", "--duration", "0.8")
+    done = lidcam("process", BAGS / "crossing.mcap", tmp_path / "out.mcap", "--json", "--duration", "0.4")
     tree = json.loads(done.out)
     assert tree["settings"]["name"] == "crossing"
-    named = library.process(BAGS / "crossing.mcap", config="crossing", duration_s=0.8).report
+    named = library.process(BAGS / "crossing.mcap", config="crossing", duration_s=0.4).report
     assert tree["objects"] == summary_tree(named)["objects"]
     assert all(entry["zone"] is None for entry in tree["objects"]), "nobody asked for zones"
-    assert sum(entry["count"] for entry in tree["objects"]) > 20
+    assert sum(entry["count"] for entry in tree["objects"]) > 8
 
 
 @pytest.mark.parametrize("name", JUDGED)
@@ -68,17 +58,6 @@ def test_from_python() -> None:
     given = library.process(BAGS / "sandbox.bag", config=library.Config(), duration_s=0.3)
     assert (len(given.objects), given.report.settings.how) == (0, "given")
     assert given.report.drops.boxes == {}, "the default classes understand the numbers of the simulator"
-
-
-def test_bundled_scenarios_are_printed_to_be_copied(lidcam: Lidcam, tmp_path: Path) -> None:
-    for name in scenario_names():
-        (tmp_path / "shown.yaml").write_text(lidcam("simulate", "--show", name).out, encoding="utf-8")
-        assert load_scenario(str(tmp_path / "shown.yaml")) == load_scenario(name)
-    failed = lidcam("simulate", "--show", "sandbx")
-    assert (failed.code, failed.out) == (1, "")
-    assert failed.error_line.endswith(
-        "one of crossing, sandbox, vehicle, or a .yaml file to simulate: did you mean 'sandbox'?"
-    )
 
 
 def test_config(lidcam: Lidcam, tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """The main job on the sample recording: the right objects, in every container, with the same bytes every time."""
 
-import csv
 import json
 import re
 from collections.abc import Callable
@@ -67,6 +66,7 @@ def whole(lidcam: Lidcam, sandbox: Path, tmp_path_factory: pytest.TempPathFactor
     assert "objects" in run.out
     assert "frames" in run.out
     assert out.with_suffix(".rrd").stat().st_size > 100_000
+    out.with_suffix(".txt").write_text(run.out, encoding="utf-8")
     return out
 
 
@@ -85,6 +85,14 @@ def truth(sandbox: Path) -> dict[str, list[tuple[int, float, float, float]]]:
     return found
 
 
+def test_the_readme_shows_what_is_printed(whole: Path) -> None:
+    """By the command of the demo, which `make gate` runs."""
+    readme = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+    table = readme.split("and prints what it found:\n\n```\n")[1].split("...\n```")[0]
+    assert table.startswith("road users")
+    assert whole.with_suffix(".txt").read_text(encoding="utf-8").startswith(table)
+
+
 def test_both_cars_are_found_and_confirmed(
     whole: Path, truth: dict[str, list[tuple[int, float, float, float]]]
 ) -> None:
@@ -99,24 +107,6 @@ def test_both_cars_are_found_and_confirmed(
             errors += [nearest_m for nearest_m in sorted(distances_m)[:1] if nearest_m < 0.15]
         assert len(errors) >= 0.9 * len(frames), f"{car}: found in {len(errors)} of {len(frames)} frames"
         assert np.median(errors) < 0.08, car
-
-
-def test_the_table_has_the_objects_of_the_file(whole: Path) -> None:
-    with whole.with_suffix(".csv").open(encoding="utf-8", newline="") as file:
-        rows = [(int(row["stamp_ns"]), row["class"], float(row["x_m"])) for row in csv.DictReader(file)]
-    assert rows == [
-        (stamp_ns, one.label, one.x) for stamp_ns, objects in fused_objects(whole).items() for one in objects
-    ]
-
-
-def test_zones_hold_one_car_each(whole: Path) -> None:
-    messages = [message for _, message in messages_of(whole, "/lidar_camera_fused")]
-    assert all(message.num_intersection >= 1 for message in messages[2:])
-    for message in messages:
-        assert message.num_intersection == len(message.objects_intersection)
-        assert message.num_circle == len(message.objects_circle)
-        assert all(o.pos_y >= 0 for o in message.objects_intersection)
-        assert all(o.pos_y < 0 for o in message.objects_circle)
 
 
 def test_output_contract(whole: Path) -> None:
@@ -158,21 +148,21 @@ def test_same_objects_from_ros2(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -
         include_msgtypes=(),
     )
     found = []
-    options = ("--config", "sandbox", "--set", CLUSTERS, "--duration", "1")
+    options = ("--config", "sandbox", "--set", CLUSTERS, "--duration", "0.6")
     for number, recording in enumerate((sandbox, folder)):
         run = lidcam("process", recording, out := tmp_path / f"{number}.mcap", *options)
         assert run.code == 0, run.err
         found.append(fused_objects(out))
-    assert len(found[0]) >= 8
+    assert len(found[0]) >= 4
     assert [*found[0].items()] == [*found[1].items()]
 
 
 def test_json_summary_and_same_bytes_with_any_name(process: Process, tmp_path: Path) -> None:
     out, other = tmp_path / "out.mcap", tmp_path / "other_name.mcap"
-    summary = json.loads(process(out, "--duration", "1", "--workers", "1", "--json").out)
-    process(other, "--duration", "1", "--workers", "2")
+    summary = json.loads(process(out, "--duration", "0.6", "--workers", "1", "--json").out)
+    process(other, "--duration", "0.6", "--workers", "2")
     assert out.read_bytes() == other.read_bytes()
-    assert summary["frames"] >= 8
+    assert summary["frames"] >= 4
     assert summary["box_source"] == "recorded"
     assert summary["timing"]["frames_per_second"] > 0
     stages = {*summary["timing"]["stage_ms"]}
@@ -210,22 +200,13 @@ def test_truth_is_copied_around_the_window_with_names_for_numbers(process: Proce
     scenes = [m.log_time for _, channel, m in messages if channel.topic == "/ground_truth/objects/scene"]
     assert (others, scenes) == (sorted(others), sorted(scenes))
     assert {*scenes} <= {*others}  # each with a frame
-    process(tmp_path / "p.mcap", *given, "--copy-topics", "/car?/base_pose*")
-    assert {"/car1/base_pose_ground_truth", "/car2/base_pose_ground_truth"} <= set(topics_of(tmp_path / "p.mcap"))
-    assert "/ground_truth/objects" not in topics_of(tmp_path / "p.mcap")
 
 
 def test_lidar_only_says_so_and_draws_its_boxes_over_the_images(process: Process, tmp_path: Path) -> None:
-    out, options = tmp_path / "o.mcap", ("--set", "detect2d.method=none", "--duration", "0.5")
-    assert "lidar-only" in process(out, *options).out
+    out, options = tmp_path / "o.mcap", ("--set", "detect2d.method=none", "--duration", "0.3")
+    run = process(out, *options, "--print-detections", "--print-matches")
+    assert "lidar-only" in run.out
+    assert "lidar detections" in run.out
     assert any(fused_objects(out).values())
     assert all(len(message.points) > 0 for _, message in messages_of(out, "/cam43/annotations"))
     assert not messages_of(out, "/cam43/detections"), "no detector has looked"
-    process(out, *options, "--set", "output.images=false")
-    assert not any("image" in topic for topic in topics_of(out))
-
-
-def test_printing_detections_and_matches(process: Process, tmp_path: Path) -> None:
-    run = process(tmp_path / "o.mcap", "--print-detections", "--print-matches", "--duration", "0.5")
-    assert "lidar detections" in run.out
-    assert re.search(r"2D box \d+ \(car\) is (object|3D box) \d+", run.out)

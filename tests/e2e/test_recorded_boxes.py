@@ -132,15 +132,6 @@ def test_boxes_of_lidars_and_cameras_without_any_cloud(
     assert all(sensor.topic != DETECTOR for sensor in report.sensors.missing)
 
 
-def test_frames_without_boxes_say_so(clusters: Path, sandbox: Path, tmp_path: Path) -> None:
-    boxes = given_back(clusters)
-    source = write(tmp_path / "in.bag", of_sandbox(sandbox), boxes[:1] + boxes[2:])
-    report = process(source, tmp_path / "out.mcap", *RECORDED, "sync.slop_s=0.02", config="sandbox")
-    assert (report.frames.count, report.frames.without_boxes3d) == (len(boxes), 1)
-    assert ("detector_objects", 1) in [(one.sensor, one.frames) for one in report.sensors.missing]
-    assert f"recorded from {DETECTOR}; 1 of {len(boxes)} frames have none" in printed(report)
-
-
 # --- a moving vehicle
 
 START_NS, PERIOD_NS, COUNT = 1_600_000_000_000_000_000, 100_000_000, 6

@@ -94,7 +94,6 @@ def test_a_page_is_made_of_a_result(tmp_path: Path) -> None:
     ("settings", "said"),
     [
         ({"track.mode": "none"}, "They were not tracked"),
-        ({"output.clouds": False, "output.images": False}, "so there is no background"),
         ({"fuse.min_score": 1.0}, "Nothing was found in 0.1 s."),
     ],
 )

@@ -12,21 +12,16 @@ URLS = [
 
 COMMANDS = [
     "process {sandbox} out.mcap --rig {url}",
-    "process {sandbox} out.mcap --config {url}",
     "process {sandbox} out.mcap --model-2d {url}",
     "process {sandbox} out.mcap --set {url}",
     "process {sandbox} out.mcap --evaluate --require @{url}",
-    "process {sandbox} out.mcap --json-file {url}",
     "process {sandbox} {url}",
-    "process {sandbox} out.mcap --objects {url}",
     "batch {sandbox} --out {url}",
     "inspect {url}",
-    "inspect {sandbox} --write-rig {url}",
     "evaluate {url}",
     "evaluate {sandbox} --truth {url}",
     "compare {url} {url}",
     "simulate {url} out.bag",
-    "config show {url}",
 ]
 
 

@@ -7,14 +7,13 @@ from typing import Any
 
 import cv2
 import pytest
-from builders import header, in_order, write_mcap, write_rosbag1
+from builders import in_order, write_rosbag1
 from command import Lidcam
 from helpers import CLUSTERS
 from results import fused_objects, messages_of, stamp_of, topics_of
-from video import compressed_video, encode, ffmpeg_packet, psnr_db
+from video import compressed_video, encode, psnr_db
 
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.messages.image import decode_any_image
 
 GOP = 3
@@ -102,27 +101,6 @@ def test_the_same_objects_and_bytes(
     assert_alike(whole, first_result)
 
 
-def test_packets_of_ffmpeg(process: Process, filmed: Sensors, whole: Path, tmp_path: Path) -> None:
-    def other(message: RawMessage) -> RawMessage:
-        recorded: Any = deserialize(message)
-        return ffmpeg_packet(
-            recorded.data.tobytes(),
-            message.stamp_ns,
-            message.log_time_ns,
-            topic=message.topic.replace("compressed", "ffmpeg"),
-            name="h264;yuv420p;bgr8;bgr8",
-            header=header(message.stamp_ns, recorded.frame_id),
-        )
-
-    path, out = tmp_path / "ffmpeg.mcap", tmp_path / "out.mcap"
-    others = {topic: [other(message) for message in filmed[topic]] for topic in IMAGE_TOPICS}
-    write_mcap(path, in_order(*(filmed | others).values()), "zstd", profile="")
-    code, _, err = process(path, out)
-    assert code == 0, err
-    for topic in ("/fused/detections", *OUTPUT_TOPICS):
-        assert repr(messages_of(out, topic)) == repr(messages_of(whole, topic))
-
-
 def test_a_broken_packet(process: Process, filmed: Sensors, first_result: Path, tmp_path: Path) -> None:
     """Images of its camera are missing up to the next key frame, the objects are not."""
     first = list(filmed[FIRST])
@@ -139,15 +117,3 @@ def test_a_broken_packet(process: Process, filmed: Sensors, first_result: Path, 
     code, _, err = process(path, tmp_path / "no.mcap", "--on-bad-message", "fail")
     assert (code, (tmp_path / "no.mcap").exists()) == (1, False)
     assert "this one is broken" in err
-
-
-def test_without_the_decoder(
-    process: Process, film: Path, first_result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each camera is left out with one line that says what to install; the lidars go on."""
-    monkeypatch.setattr("lidcam.readers.video.packets.find_spec", lambda _: None)
-    code, _, err = process(film, tmp_path / "out.mcap")
-    assert code == 3
-    assert err.count("pip install 'lidcam[video]'") >= len(NUMBERS)
-    assert fused_objects(tmp_path / "out.mcap").keys() == fused_objects(first_result).keys()
-    assert OUTPUT_TOPICS[0] not in topics_of(tmp_path / "out.mcap")

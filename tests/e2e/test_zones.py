@@ -53,15 +53,3 @@ def test_objects_that_are_not_reported_are_counted(
     for topic in ("/lidar/detections", "/cameras/detections"):
         one, other = (messages_of(path, topic) for path in (plain[0], tmp_path / "out.mcap"))
         assert [len(message.detections) for _, message in one] == [len(message.detections) for _, message in other]
-
-
-def test_fields_of_the_predecessor_hold_what_is_counted(sandbox: Path, tmp_path: Path) -> None:
-    everywhere = [[-99, -99], [99, -99], [99, 99], [-99, 99]]
-    process(sandbox, tmp_path / "out.mcap", south={"corners": SOUTH, "use": "ignore"}, circle=everywhere)
-    counts = [
-        (message.num_intersection, message.num_circle, all(one.pos_y > 0 for one in message.objects_circle))
-        for _, message in messages_of(tmp_path / "out.mcap", "/lidar_camera_fused")
-    ]
-    fused = [len(objects) for objects in fused_objects(tmp_path / "out.mcap").values()]
-    assert counts == [(0, count, True) for count in fused]
-    assert sum(fused) > 0

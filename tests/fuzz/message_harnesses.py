@@ -74,12 +74,7 @@ MAX_LINE_CHARACTERS = 5000
 
 
 class Harness(NamedTuple):
-    """One decoder.
-
-    Attributes:
-        run: Gives it the bytes; raises whatever breaks the contract.
-        seeds: Sound inputs and hostile ones that are known, but for those that are files.
-    """
+    """One decoder."""
 
     run: Callable[[bytes], None]
     seeds: Callable[[], list[bytes]]

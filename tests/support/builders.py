@@ -6,7 +6,7 @@ found regardless of case.
 """
 
 from base64 import b64decode
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
@@ -316,16 +316,12 @@ def write_rosbag1(
     writer.chunk_threshold = chunk_bytes
     if compression != "none":
         writer.set_compression(Writer1.CompressionFormat[compression.upper()])
-    connections: dict[Channel, Any] = {}
-    with writer:
-        for message in raws:
-            source = message.channel
-            if source not in connections:
-                _, md5sum = typestore_for(source).generate_msgdef(source.msgtype)
-                connections[source] = writer.add_connection(
-                    source.topic, source.msgtype, msgdef=source.definition, md5sum=md5sum
-                )
-            writer.write(connections[source], message.log_time_ns, message.data)
+
+    def added(source: Channel) -> Any:
+        _, md5sum = typestore_for(source).generate_msgdef(source.msgtype)
+        return writer.add_connection(source.topic, source.msgtype, msgdef=source.definition, md5sum=md5sum)
+
+    _write_all(writer, raws, added)
 
 
 def write_rosbag2(
@@ -339,17 +335,20 @@ def write_rosbag2(
     """A ROS 2 bag folder of `cdr` messages in the order given; `storage` compresses MCAP chunks, all with zstd."""
     writer = Writer2(path, version=9, storage_plugin=StoragePlugin[plugin.upper()])
     writer.set_compression(CompressionMode[compression.upper()], CompressionFormat.ZSTD)
+
+    def added(source: Channel) -> Any:
+        definition, rihs01 = source.definition if definitions else "", typestore_for(source).hash_rihs01(source.msgtype)
+        return writer.add_connection(source.topic, source.msgtype, msgdef=definition, rihs01=rihs01)
+
+    _write_all(writer, raws, added)
+
+
+def _write_all(writer: Any, raws: Iterable[RawMessage], added: Callable[[Channel], Any]) -> None:
     connections: dict[Channel, Any] = {}
     with writer:
         for message in raws:
             source = message.channel
-            if source not in connections:
-                connections[source] = writer.add_connection(
-                    source.topic,
-                    source.msgtype,
-                    msgdef=source.definition if definitions else "",
-                    rihs01=typestore_for(source).hash_rihs01(source.msgtype),
-                )
+            connections[source] = connections.get(source) or added(source)
             writer.write(connections[source], message.log_time_ns, message.data)
 
 

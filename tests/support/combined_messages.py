@@ -36,18 +36,7 @@ def combined(
     field: str = "",
     order: tuple[int, ...] = (0, 0),
 ) -> RawMessage:
-    """One message of all parts, stamped with the time of recording.
-
-    Args:
-        topic: Its topic.
-        msgtype: `CAMERAS` or `CLOUDS`, or another type with its `definition` and the `field` of the list.
-        parts: Messages of the sensors, already in `encoding`.
-        log_time_ns: Time of recording.
-        encoding: Of the combined message and its parts.
-        definition: Definition of another type.
-        field: Name of that type's list.
-        order: Place in the recording.
-    """
+    """One message of all parts, stamped with the time of recording."""
     store = _types(encoding, msgtype, definition or DEFINITIONS[msgtype])
     body = {"header": header(log_time_ns, ""), field or FIELDS[msgtype]: [deserialize(part) for part in parts]}
     return raw(topic, msgtype, body, log_time_ns, encoding=encoding, order=order, store=store)

@@ -51,14 +51,7 @@ _sound = cache(sound_recording)
 
 
 def judge_altered(kind: str, chance: Random) -> tuple[Verdict, dict[str, bytes]]:
-    """Alter a recording of a kind at random, and read it.
-
-    Returns:
-        How it went, and the files.
-
-    Raises:
-        Exception: what the readers raise and may not.
-    """
+    """Alter a recording of a kind at random, and read it."""
     sound = _sound(kind)
     recovery: Recovery = chance.choice(("as_needed", "as_needed", "as_needed", "full_scan", "none"))
     name = chance.choice(sorted(sound.files))
@@ -74,11 +67,7 @@ def judge_altered(kind: str, chance: Random) -> tuple[Verdict, dict[str, bytes]]
 
 
 def judge(sound: SoundRecording, path: Path, recovery: Recovery) -> Verdict:
-    """Read `path`, an altered copy of `sound`.
-
-    Raises:
-        Exception: what the readers raise and may not.
-    """
+    """Read `path`, an altered copy of `sound`."""
     before_mib = _peak_mib()
     try:
         messages, losses = read_all(path, recovery)
@@ -132,73 +121,50 @@ def _altered(content: bytes, chance: Random) -> tuple[bytes, str]:
     """A file with one to three alterations, mostly one, and what they are."""
     said = []
     for _ in range(chance.choice((1, 1, 1, 1, 2, 3))):
-        alteration = chance.choice(ALTERATIONS) if content else _inserted
+        how = chance.choice(ALTERATIONS) if content else "inserted"
         before = content
-        content = alteration(content, chance)
+        content = _changed(how, content, chance)
         first = next((i for i, (a, b) in enumerate(zip(before, content, strict=False)) if a != b), len(content))
-        said.append(f"{alteration.__name__.strip('_')} at {first}")
+        said.append(f"{how} at {first}")
     return content, ", ".join(said)
 
 
-def _bit(content: bytes, chance: Random) -> bytes:
-    altered = bytearray(content)
-    altered[_place(content, chance)] ^= 1 << chance.randrange(8)
-    return bytes(altered)
-
-
-def _byte(content: bytes, chance: Random) -> bytes:
-    altered = bytearray(content)
-    altered[_place(content, chance)] = chance.choice((0, 0xFF, 0x7F, 0x80, chance.randrange(256)))
-    return bytes(altered)
-
-
-def _few_bytes(content: bytes, chance: Random) -> bytes:
-    altered = bytearray(content)
-    at = _place(content, chance)
-    altered[at : at + 8] = chance.randbytes(len(altered[at : at + 8]))
-    return bytes(altered)
-
-
-def _cut(content: bytes, chance: Random) -> bytes:
-    return content[: _place(content, chance)]
-
-
-def _zeros(content: bytes, chance: Random) -> bytes:
-    start, end = _range(content, chance)
-    return content[:start] + bytes(end - start) + content[end:]
-
-
-def _swapped(content: bytes, chance: Random) -> bytes:
-    size = SECTOR * chance.choice((1, 2, 8))
-    a, b = (chance.randrange(max(len(content) // size, 1)) * size for _ in range(2))
-    altered = bytearray(content)
-    altered[a : a + size], altered[b : b + size] = content[b : b + size], content[a : a + size]
-    return bytes(altered)
-
-
-def _repeated(content: bytes, chance: Random) -> bytes:
-    start, end = _range(content, chance)
-    return content[:end] + content[start:]
-
-
-def _removed(content: bytes, chance: Random) -> bytes:
-    start, end = _range(content, chance)
-    return content[:start] + content[end:]
-
-
-def _inserted(content: bytes, chance: Random) -> bytes:
-    at = _place(content, chance)
-    return content[:at] + chance.randbytes(chance.choice((1, 4, 100))) + content[at:]
-
-
-def _of_another(content: bytes, chance: Random) -> bytes:
-    files = [*_sound(chance.choice(KINDS)).files.values()]
-    start, end = _range(source := chance.choice(files), chance)
-    at = _place(content, chance)
+def _changed(how: str, content: bytes, chance: Random) -> bytes:
+    at, (start, end) = _place(content, chance), _range(content, chance)
+    match how:
+        case "bit":
+            return content[:at] + bytes([content[at] ^ 1 << chance.randrange(8)]) + content[at + 1 :]
+        case "byte":
+            return (
+                content[:at] + bytes([chance.choice((0, 0xFF, 0x7F, 0x80, chance.randrange(256)))]) + content[at + 1 :]
+            )
+        case "few bytes":
+            return content[:at] + chance.randbytes(len(content[at : at + 8])) + content[at + 8 :]
+        case "cut":
+            return content[:at]
+        case "zeros":
+            return content[:start] + bytes(end - start) + content[end:]
+        case "swapped":
+            size = SECTOR * chance.choice((1, 2, 8))
+            a, b = (chance.randrange(max(len(content) // size, 1)) * size for _ in range(2))
+            altered = bytearray(content)
+            altered[a : a + size], altered[b : b + size] = content[b : b + size], content[a : a + size]
+            return bytes(altered)
+        case "repeated":
+            return content[:end] + content[start:]
+        case "removed":
+            return content[:start] + content[end:]
+        case "inserted":
+            return content[:at] + chance.randbytes(chance.choice((1, 4, 100))) + content[at:]
+    source = chance.choice([*_sound(chance.choice(KINDS)).files.values()])
+    start, end = _range(source, chance)
     return content[:at] + source[start:end] + content[at + end - start :]
 
 
-ALTERATIONS = (_bit, _bit, _bit, _byte, _few_bytes, _cut, _zeros, _swapped, _repeated, _removed, _inserted, _of_another)
+ALTERATIONS = (
+    *("bit",) * 3,
+    *("byte", "few bytes", "cut", "zeros", "swapped", "repeated", "removed", "inserted", "piece of another"),
+)
 
 
 def _place(content: bytes, chance: Random) -> int:

@@ -21,13 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @dataclass(frozen=True)
 class ImportGraph:
-    """The imports of a source tree.
-
-    Attributes:
-        root: Where it lies.
-        modules: Module names imported, by the module that imports them.
-        files: Number of modules in each folder, packages' own `__init__.py` aside.
-    """
+    """The imports of a source tree."""
 
     root: Path
     modules: Mapping[str, frozenset[str]]

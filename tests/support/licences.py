@@ -70,11 +70,7 @@ def requirements_of(extra: str) -> list[str]:
 
 
 def closure(requirements: Iterable[str]) -> set[str]:
-    """Names of all packages that are installed for these, on this Python under Linux.
-
-    Raises:
-        PackageNotFoundError: one is not installed.
-    """
+    """Names of all packages that are installed for these, on this Python under Linux."""
     seen: set[tuple[str, frozenset[str]]] = set()
     waiting = [(Requirement(one), "") for one in requirements]
     while waiting:

@@ -38,16 +38,7 @@ _GALACTIC = {
 
 @dataclass(frozen=True)
 class Recorded:
-    """An object as a detector sees it.
-
-    Attributes:
-        center: x, y, z in metres.
-        label: Class.
-        score: In [0, 1].
-        size: Along its own axes, metres.
-        xyzw: Orientation.
-        covariance: (6, 6) of its pose.
-    """
+    """An object as a detector sees it."""
 
     center: Sequence[float]
     label: str = "car"

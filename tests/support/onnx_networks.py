@@ -28,18 +28,7 @@ def write_network(
     scaled: Sequence[str] = (),
     metadata: Mapping[str, str] | None = None,
 ) -> Path:
-    """Write a network that gives the same arrays for each image of a batch.
-
-    Args:
-        path: Where to.
-        outputs: Each without the dimension of the batch.
-        size_px: Height and width that the file states; names are free dimensions.
-        batch: The same for the dimension of the batch.
-        dtype: What the images are made of.
-        weights: What is added to an output, times the mean of all channels and pixels.
-        scaled: Outputs (K, 4) that are multiplied with the widths and heights of a second input.
-        metadata: What the file says of itself.
-    """
+    """Write a network that gives the same arrays for each image of a batch."""
     nodes = [_node("ReduceMean", ["images"], "mean", _ints("axes", [1, 2, 3]), _int("keepdims", 0))]
     nodes.append(_node("Cast", ["mean"], "brightness", _int("to", FLOAT)))
     constants = []

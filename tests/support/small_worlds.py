@@ -22,14 +22,7 @@ GLASS = Material("glass", (0.1, 0.1, 0.1), 0.01, mirror=0.1, transmission=0.8)
 
 @dataclass(frozen=True, slots=True)
 class EvenPath:
-    """Upright, at an even pace and turning evenly.
-
-    Attributes:
-        start_m: Place at time 0.
-        velocity_m_s: Of the place.
-        yaw_rad: At time 0.
-        turn_rad_s: Change of yaw.
-    """
+    """Upright, at an even pace and turning evenly."""
 
     start_m: tuple[float, float, float]
     velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)

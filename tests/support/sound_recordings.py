@@ -50,15 +50,7 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SoundRecording:
-    """A recording and what is in it.
-
-    Attributes:
-        kind: One of `KINDS`.
-        files: Content by name in the folder.
-        opened: Name of the file that is opened; empty for the folder.
-        messages: In the order of reading.
-        told: Reasons of losses that are told of the sound file: a write-ahead log that was left.
-    """
+    """A recording and what is in it."""
 
     kind: str
     files: Mapping[str, bytes]

@@ -55,14 +55,7 @@ def moving(count: int, width_px: int = 64, height_px: int = 48) -> list[U8]:
 
 
 def encode(images: Sequence[U8], kind: str = "h264", *, gop: int = 5, **options: str) -> list[Packet]:
-    """The packets of RGB images in the order of decoding.
-
-    Args:
-        images: All of one size.
-        kind: Of `CODECS`.
-        gop: Images from one key frame to the next.
-        options: Of the encoder, over those of `CODECS`; `_` for `-`.
-    """
+    """The packets of RGB images in the order of decoding."""
     _, encoder, defaults = CODECS[kind]
     context: Any = av.CodecContext.create(encoder, "w")
     context.height, context.width = images[0].shape[:2]
@@ -116,25 +109,16 @@ def ffmpeg_packet(
 
 def foxglove(packets: Sequence[Packet], form: str = "h264", **options: Any) -> list[RawMessage]:
     """CompressedVideo of packets, stamped by their images, recorded one after another."""
-    return [
-        compressed_video(packet.data, *_times(place, packet), form=form, **options)
-        for place, packet in enumerate(packets)
-    ]
+    return [compressed_video(one.data, *_times(row, one), form=form, **options) for row, one in enumerate(packets)]
 
 
 def ffmpeg(packets: Sequence[Packet], name: str = "h264", **options: Any) -> list[RawMessage]:
     """FFMPEGPacket of packets, stamped by their images, recorded one after another."""
-    return [
-        ffmpeg_packet(
-            packet.data,
-            *_times(place, packet),
-            name=name,
-            pts=1000 * packet.image,
-            flags=int(packet.is_key),
-            **options,
-        )
-        for place, packet in enumerate(packets)
-    ]
+    messages = []
+    for row, one in enumerate(packets):
+        fields = {"pts": 1000 * one.image, "flags": int(one.is_key), **options}
+        messages.append(ffmpeg_packet(one.data, *_times(row, one), name=name, **fields))
+    return messages
 
 
 def _times(place: int, packet: Packet) -> tuple[int, int]:

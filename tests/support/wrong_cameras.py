@@ -39,17 +39,7 @@ def passing(
     speed_m_s: float = 0.0,
     camera: CameraSensor = CAMERA,
 ) -> list[FrameResult]:
-    """Frames at 10 Hz in which lidars and a camera see cars drive to all sides.
-
-    Args:
-        values: As `CameraError.values`: how the true camera differs from `camera`.
-        tracks: Number of cars.
-        frames: Number of frames.
-        noise: 1 for errors of some pixels, 5 cm and 0.5 degrees; 0 for none.
-        seed: Of places, ways and errors.
-        speed_m_s: Of the rig, straight ahead.
-        camera: As it is calibrated.
-    """
+    """Frames at 10 Hz in which lidars and a camera see cars drive to all sides."""
     random = np.random.default_rng(seed)
     start = np.stack([random.uniform(10, 35, tracks), random.uniform(-8, 8, tracks)], 1)
     yaws = random.uniform(-np.pi, np.pi, tracks)
