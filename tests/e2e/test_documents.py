@@ -196,7 +196,7 @@ def distinct(commands: list[str]) -> list[str]:
 
 
 RUNNABLE = [command for command in all_commands() if not exceptions_to(command)]
-COMMANDS = [*distinct([one for one in RUNNABLE if one not in INCOMPLETE]), *INCOMPLETE]
+COMMANDS = [*distinct([one for one in RUNNABLE if one not in INCOMPLETE]), *sorted(INCOMPLETE)]
 
 
 def shell(line: str, cwd: Path) -> Run:

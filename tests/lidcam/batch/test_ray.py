@@ -34,7 +34,7 @@ if recording.stem != "bad":
     record = dataclasses.replace(task.record, state="done", exit_code=0)
 sys.stdout.buffer.write(pickle.dumps(record))
 """
-"""In place of the process of a job, which takes seconds; tests/campaign/batch_kills.py takes that."""
+"""In place of the process of a job, which takes seconds; tests/e2e/test_batch.py takes that."""
 
 
 TASK = Task(JobRecord("a", "a.bag", "key", "begun"), Job((Path("a.bag"),)), ())
