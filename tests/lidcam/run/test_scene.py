@@ -74,11 +74,6 @@ def test_a_ground_that_the_rig_knows_is_not_sought() -> None:
     assert measured([cloud(0, wall)], rig(2.0, ground_height_m=-1.5)).lidar_height_m == 3.5
 
 
-def test_beams_without_a_return_are_not_points() -> None:
-    xyz = np.concatenate([floor(8, 4, 0.3), np.zeros((60_000, 3), np.float32)])
-    assert measured([cloud(0, xyz)], rig(0.3)).extent_m[0] > 7
-
-
 @pytest.mark.parametrize(
     "messages",
     [
