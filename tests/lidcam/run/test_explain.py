@@ -1,6 +1,5 @@
 import pytest
 
-from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.core.settings.validation import keys_of
@@ -47,10 +46,3 @@ def test_a_section_names_its_keys() -> None:
 def test_elements_of_lists_and_mappings(key: str, full: str) -> None:
     found = explain(key)
     assert (found.key, found.default, found.by_preset) == (full, None, {})
-
-
-def test_unknown_keys() -> None:
-    with pytest.raises(ConfigError, match=r"did you mean 'detect3d.cluster.distance_m'\?"):
-        explain("detect3d.cluster.distance")
-    with pytest.raises(ConfigError, match=r"unknown key 'fuse.min_score.x'"):
-        explain("fuse.min_score.x")
