@@ -4,8 +4,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 SEEN = ("cv2", "numba", "numpy", "onnxruntime", "open3d", "pandas", "rerun", "rich", "rosbags", "scipy")
 PROGRAM = f"""
@@ -26,22 +24,13 @@ def imported(*arguments: str) -> set[str]:
     return {*run.stderr.splitlines()[-1].split()}
 
 
-@pytest.mark.parametrize("arguments", [("--help",), ("process", "--help"), ("--version",)])
-def test_help_imports_no_large_library(arguments: tuple[str, ...]) -> None:
-    assert imported(*arguments) == set()
+def test_help_imports_no_large_library() -> None:
+    assert imported("process", "--help") == set()
 
 
 def test_the_package_imports_nothing_before_it_is_used() -> None:
     code = "import sys, lidcam; print(*sorted({'numpy', 'cv2', 'rosbags', 'pydantic'} & {*sys.modules}))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "\n"
-
-
-def test_inspect_imports_what_reads() -> None:
-    assert imported("inspect", str(BAGS / "crossing.mcap")) <= {"numpy", "rich", "rosbags"}
-
-
-def test_config_compiles_nothing() -> None:
-    assert "numba" not in imported("config", "show", "sandbox")
 
 
 def test_process_imports_no_viewer_and_no_network(tmp_path: Path) -> None:

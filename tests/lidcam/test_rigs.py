@@ -39,10 +39,6 @@ def test_several_rigs_of_a_job_are_one(tmp_path: Path) -> None:
     camera = (job.rig.cameras or {})["cam11"]
     assert (camera.K or ())[0] == 500
     assert camera.translation_m == (-0.143, 0.371, 0.393)
-    assert make_job("a.bag", rig=[]).rig is None
-    lens.write_text("site_frame: elsewhere\n")
-    with pytest.raises(CalibrationError, match=r"original\.yaml and .*lens\.yaml: site_frame"):
-        make_job("a.bag", rig=["original", lens])
     with pytest.raises(CalibrationError, match=r"original\.yaml and rig 2: site_frame"):
         make_job("a.bag", rig=["original", RigFile(site_frame="elsewhere")])
 

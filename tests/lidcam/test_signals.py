@@ -60,17 +60,9 @@ def undo():
 with undone_at_once(undo):
     killed()
 """,
-    "while something cannot be undone": """
-def fail():
-    raise OSError
-
-with undone_at_once(kept.unlink), undone_at_once(fail):
-    killed()
-""",
 }
 CLOSED = {
     "closed": "os.close(2)",
-    "closed by the caller": "sys.__stderr__ = None",
     "full": """
 told, tell = os.pipe()
 os.dup2(tell, 2)

@@ -148,7 +148,6 @@ sys.stdout.buffer.write(pickle.dumps(dataclasses.replace(task.record, state="don
     [
         ("import os; os.abort()", -6, "ended by signal 6"),
         ("import sys; sys.exit(143)", 143, "ended by signal 15"),
-        ("import sys; sys.exit(3)", 3, "ended with exit code 3"),
         ("import nothing_like_it", 1, "ModuleNotFoundError: No module named 'nothing_like_it'"),
     ],
 )

@@ -46,12 +46,9 @@ def absent(*names: str, frames: int = 20, of_frames: int = 20) -> list[MissingSe
     ("delays_ns", "missing", "sensors"),
     [
         ({}, [], []),
-        ({}, absent("left"), []),
         (NEAR, absent("left"), []),  # near enough: not its clock
         (NEAR | {"/left/image": -3600 * S}, [], []),  # of no consequence
-        (NEAR | {"/left/image": -3600 * S}, absent("right", frames=10), []),
         (NEAR | {"/left/image": -3600 * S}, absent("left"), ["left"]),
-        (NEAR | {"/left/image": 3600 * S}, absent("left"), ["left"]),
         (NEAR | {"/left/image": 5 * S}, absent("left"), []),  # recorded late
         (NEAR | {"/lidar1": -5 * S}, absent("lidar2", "left", "right"), ["lidar1"]),  # the frames are of its time
         ({"/lidar1": 0, "/left/image": -5 * S}, absent("left"), ["left"]),  # of two, the lidar is believed
@@ -63,17 +60,13 @@ def test_the_clock_that_most_others_contradict_is_named(
     assert [warning.subject for warning in clocks_off(delays_ns, missing, RIG)] == sensors
 
 
-@pytest.mark.parametrize(
-    ("delay_s", "text"),
-    [
-        (-3599.9, "after those of most sensors, so that 1 topic is in no frame; set its clock, or give it about "),
-        (3600.1, "before those of most sensors, so that 1 topic is in no frame; set its clock, or give it about "),
-    ],
-)
-def test_the_offset_is_what_the_rig_file_takes_off(delay_s: float, text: str) -> None:
+@pytest.mark.parametrize(("delay_s", "side", "offset_ms"), [(-3599.9, "after", 3600000), (3600.1, "before", -3600000)])
+def test_the_offset_is_what_the_rig_file_takes_off(delay_s: float, side: str, offset_ms: int) -> None:
     (warning,) = clocks_off(NEAR | {"/left/image": round(delay_s * S)}, absent("left"), RIG)
-    sign = "" if delay_s < 0 else "-"
-    assert str(warning) == (f"left: its stamps lie 3600.0 s {text}time_offset_ms: {sign}3600000 in a rig file (--rig)")
+    assert str(warning) == (
+        f"left: its stamps lie 3600.0 s {side} those of most sensors, so that 1 topic is in no frame; "
+        f"set its clock, or give it about time_offset_ms: {offset_ms} in a rig file (--rig)"
+    )
 
 
 @pytest.mark.parametrize(
@@ -82,7 +75,6 @@ def test_the_offset_is_what_the_rig_file_takes_off(delay_s: float, text: str) ->
         ({}, []),
         ({("/lidar2", DropReason.TOO_LATE): 10}, ["lidar2"]),
         ({("/lidar2", DropReason.TOO_LATE): 9}, []),
-        ({("/lidar2", DropReason.LEFT_OUT): 90}, []),
         ({("/left/image", DropReason.TOO_LATE): 90, ("/odom", "cannot be decoded"): 3}, ["left"]),
     ],
 )

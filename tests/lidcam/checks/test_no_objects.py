@@ -15,7 +15,6 @@ from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import RecordedDetector, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.run.choice import AS_GIVEN, UsedSettings
-from lidcam.run.scene import SceneSize
 from lidcam.run.warning import RunWarning
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -35,7 +34,6 @@ def warning_of(config: str | None, *settings: str) -> RunWarning:
 @pytest.mark.parametrize(
     ("config", "settings", "finding", "remedy"),
     [
-        (None, ["detect3d.method=none"], "detect3d.method is none", "--set detect3d.method=auto"),
         (
             "road",
             ["combine.max_range_m=0.05"],
@@ -49,15 +47,9 @@ def warning_of(config: str | None, *settings: str) -> RunWarning:
             LOOKS_LIKE + "see detect3d.cluster and the sizes of classes, unless there is nothing to detect",
         ),
         ("road", [], "less than detect3d.min_score, 0.07", LOOKS_LIKE + "a smaller detect3d.min_score shows them"),
-        (
-            None,
-            ["detect3d.min_score=1"],
-            "clusters scores 0.2",
-            "a smaller detect3d.min_score shows them",
-        ),
         ("sandbox", ["fuse.min_score=1"], "than fuse.min_score, 1", "a smaller fuse.min_score shows them"),
     ],
-    ids=["method", "range", "clusters", "scale", "detect3d", "fuse"],
+    ids=["range", "clusters", "scale", "fuse"],
 )
 def test_the_step_that_left_nothing_is_named(
     config: str | None, settings: list[str], finding: str, remedy: str
@@ -113,19 +105,6 @@ def test_frames_without_points(count: int, finding: str, remedy: str) -> None:
     assert (warning.finding, warning.remedy) == (f"frame 0 came closest: {finding}", remedy)
 
 
-@pytest.mark.parametrize(
-    ("extent_m", "remedy"),
-    [
-        ((6.0, 4.0), "clouds of 6.0 x 4.0 m, no ground found: try --config sandbox if this is a model site; else "),
-        ((60.0, 40.0), ""),
-    ],
-)
-def test_a_small_scene_without_a_ground_may_be_a_model(extent_m: tuple[float, float], remedy: str) -> None:
-    used = UsedSettings("road", "judged", SceneSize(extent_m, None))
-    (warning,) = warnings_of(flat(9), used=used)
-    assert warning.remedy == f"{remedy}a smaller combine.ground.distance_m than 0.2 may help"
-
-
 BELIEVED = frame().hypotheses
 MESSAGES = {"/objects": next(iter(frame().bundle.messages.values()))}
 
@@ -133,16 +112,10 @@ MESSAGES = {"/objects": next(iter(frame().bundle.messages.values()))}
 @pytest.mark.parametrize(
     ("changes", "finding", "remedy"),
     [
-        ({}, "it has no message of /objects", "see sync.slop_s and topics.boxes3d"),
         (
             {"bundle": replace(frame().bundle, messages=MESSAGES), "combined": flat(1).combined},
             "the messages of /objects have no boxes",
             "see that detector, or topics.boxes3d",
-        ),
-        (
-            {"unused_boxes3d": {"class '7' is not configured": 3}},
-            "its recorded 3D boxes are not used: 3, class '7' is not configured",
-            "see detect3d.min_score, the labels of classes, and detect3d.recorded.class_numbers",
         ),
         (
             {"hypotheses": BELIEVED, "beliefs": np.full(len(BELIEVED.boxes), 0.25)},
@@ -151,7 +124,7 @@ MESSAGES = {"/objects": next(iter(frame().bundle.messages.values()))}
             "a smaller fuse.min_score shows them",
         ),
     ],
-    ids=["no message", "no boxes", "not used", "not believed"],
+    ids=["no boxes", "not believed"],
 )
 def test_recorded_boxes_that_become_no_objects(changes: dict[str, object], finding: str, remedy: str) -> None:
     """Of a recorded detector without lidars."""

@@ -1,18 +1,14 @@
 """Comparison of results of a sample recording, and of copies of them with known faults."""
 
 import json
-import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jsonschema
 import pytest
 from logging_state import kept_logging
-from perturbed_results import Change, dropped, followed, of_class, perturbed, shifted, turned
-from results import fused_objects
+from perturbed_results import Change, perturbed, turned
 
-import lidcam
-from lidcam.cli.compare import AllowedDifference
 from lidcam.cli.compare import compare as run_compare
 from lidcam.pipeline.core.errors import CheckError, IncompleteError, LidcamError, RecordingError
 from lidcam.pipeline.evaluation.comparison.object_changes import KINDS
@@ -40,22 +36,6 @@ class Outcome(NamedTuple):
 def result() -> Path:
     """The result of the sample of the crossing, without images, clouds and truth."""
     return ROOT / "tests" / "golden" / "crossing.mcap"
-
-
-@pytest.fixture(scope="module")
-def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three frames with all that is written."""
-    output = tmp_path_factory.mktemp("compare") / "sandbox.mcap"
-    lidcam.process(ROOT / "bags/sandbox.bag", output, config="sandbox", duration_s=0.35)
-    return output
-
-
-@pytest.fixture(scope="module")
-def car(result: Path) -> tuple[float, float]:
-    """Where the best car is in the first frame; it drives at 7 m/s and is seen in all frames."""
-    first = next(iter(fused_objects(result).values()))
-    best = max((one for one in first if one.label == "car"), key=lambda one: one.score)
-    return best.x, best.y
 
 
 @pytest.fixture
@@ -120,44 +100,11 @@ def test_yaw_shifted_by_5_degrees(compare: Any, result: Path, faulty: Any) -> No
     assert not kinds_of(sources["lidar"]["all"])
     assert not compare(result, other, "compare.yaw_deg=5").failures
     assert not compare(result, other, only=("lidar",)).failures
+    assert not compare(result, other, max_different=100).failures
     allowed = compare(result, other, allow=("turned",), lines=0)
     assert not allowed.failures
     assert allowed.out.splitlines()[-1] == "verdict: differs no more than it may"
     assert "the first" not in allowed.out
-
-
-def test_a_car_missing_for_a_second(compare: Any, result: Path, faulty: Any, car: tuple[float, float]) -> None:
-    other = faulty(dropped(followed(*car, gate_m=2), range(2, 12)))
-    (line,) = (line for line in compare(result, other).out.splitlines() if "2-11" in line)
-    assert line.split()[:4] == ["fused", "car", "lost", "(score"]
-    tree = compare(result, other, as_json=True).tree
-    (only,) = tree["differences"]["listed"]
-    assert (only["first_frame"], only["last_frame"], only["frames"]) == (2, 11, 10)
-    assert only["last_s"] - only["first_s"] == pytest.approx(0.9, abs=0.01)
-    assert math.dist(only["place"][:2], car) < 2
-    assert kinds_of(tree["sources"]["fused"]["all"]) == {"lost": 10}
-    share = tree["sources"]["fused"]["all"]["different_percent"]
-    assert not compare(result, other, max_different=share + 0.01).failures
-    assert compare(result, other, max_different=share - 0.01).failures
-
-
-def test_2d_boxes(compare: Any, result: Path, faulty: Any) -> None:
-    topic = "/camera_north_east/detections"
-    found = compare(result, faulty(dropped(of_class("car")), topic))
-    (failure,) = found.failures
-    assert failure.startswith("camera_north_east: expected at most 0 %")
-    assert ["camera_north_east", "car", "lost", "(score"] in [line.split()[:4] for line in found.out.splitlines()]
-    other = faulty(shifted((1.5, 0)), topic)
-    assert "moved 1.5 px" in compare(result, other).out
-    assert not compare(result, other, "compare.pixels=1.5").failures
-
-
-def test_frames_of_one_alone(compare: Any, result: Path, tmp_path: Path) -> None:
-    other = perturbed(result, tmp_path / "faulty.mcap", {}, without_frames=[4, 5])
-    found = compare(result, other)
-    assert found.failures == ("frames: expected at most 0 % in one result alone, found 14.3 %",)
-    assert "frames: 12 in both, 0 of them differ; 2 only in A, 0 only in B" in found.out
-    assert not compare(result, other, allow=("frames",)).failures
 
 
 def test_what_cannot_be_compared(compare: Any, result: Path) -> None:
@@ -167,11 +114,10 @@ def test_what_cannot_be_compared(compare: Any, result: Path) -> None:
         compare(result, result, only=("fusd",))
 
 
-def test_results_of_two_recordings_and_two_sites(compare: Any, result: Path, sandbox: Path, tmp_path: Path) -> None:
+def test_results_of_two_recordings_and_two_sites(compare: Any, result: Path, tmp_path: Path) -> None:
+    sandbox = ROOT / "tests/golden/sandbox.mcap"
     found = compare(result, sandbox)
     assert "note: A and B are results of different recordings: crossing.mcap, sandbox.bag" in found.out
-    whole = compare(ROOT / "tests/golden/sandbox.mcap", sandbox)  # `sandbox` is the result of a part of it
-    assert "different recordings" not in whole.out
 
     def moved(rig: str) -> str:
         return rig.replace("site_frame: site", "site_frame: hall")
@@ -190,5 +136,9 @@ def test_a_damaged_result_is_incomplete(compare: Any, result: Path, tmp_path: Pa
         compare(damaged, damaged)
 
 
-def test_every_kind_can_be_allowed() -> None:
-    assert [*AllowedDifference] == [*KINDS, "frames"]
+def test_frames_of_one_alone(compare: Any, result: Path, tmp_path: Path) -> None:
+    other = perturbed(result, tmp_path / "faulty.mcap", {}, without_frames=[4, 5])
+    found = compare(result, other)
+    assert found.failures == ("frames: expected at most 0 % in one result alone, found 14.3 %",)
+    assert "frames: 12 in both, 0 of them differ; 2 only in A, 0 only in B" in found.out
+    assert not compare(result, other, allow=("frames",)).failures

@@ -126,25 +126,6 @@ def test_zones_of_a_rig_file(
     assert {name: zone["truth"] for name, zone in figures["zones"].items()} == ({"all_of_it": 8} if truth else {})
 
 
-def test_without_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "out.mcap"
-    settings = [*SMALL, "output.copy_topics=[]"]
-    run_process(make_job(SANDBOX, path, config="sandbox", settings=settings, duration_s=0.3, workers=1))
-    capsys.readouterr()
-    with pytest.raises(
-        CheckError, match=r"^fused.car.recall: expected >= 0, found that it is not defined: there is no"
-    ):
-        evaluated(path, "fused.car.recall >= 0")
-    out = capsys.readouterr().out
-    assert out.startswith("out.mcap: 2 frames, no ground truth: figures that need it are left out\n")
-    assert "note: no truth: " in out
-    assert "(--truth)" in out
-    evaluated(path, as_json=True)
-    tree = valid(capsys.readouterr().out)
-    assert tree["truth"] is None
-    assert tree["frames_with_truth"] == 0
-
-
 def test_a_result_without_frames(result: Path, tmp_path: Path) -> None:
     empty = perturbed(result, tmp_path / "empty.mcap", {}, without_frames=range(100))
     with pytest.raises(RecordingError, match=r"empty.mcap: expected a result with frames, found none"):

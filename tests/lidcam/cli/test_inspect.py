@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import typer
 from builders import odometry, pointcloud2, raw, write_rosbag1
 from logging_state import kept_logging
 
@@ -39,20 +38,6 @@ def inspected(path: Path, *settings: str, **options: Any) -> None:
 def printed(capsys: pytest.CaptureFixture[str]) -> tuple[str, list[str], int]:
     tree = json.loads(capsys.readouterr().out)
     return tree["failure"], tree["incomplete"], tree["exit_code"]
-
-
-def test_sound(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    inspected(recording(tmp_path / "a.bag", "top"))
-    assert printed(capsys) == ("", [], 0)
-
-
-def test_nothing_can_be_processed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = recording(tmp_path / "a.bag", "top")
-    with pytest.raises(CheckError, match="lidcam could not process it: ") as caught:
-        inspected(path, NOWHERE)
-    failure, incomplete, code = printed(capsys)
-    assert (failure, incomplete, code) == (str(caught.value), [], 1)
-    assert failure.startswith(f"{path}: ")
 
 
 def test_a_rig_to_start_from_is_no_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -91,11 +76,6 @@ def test_a_check_processes_the_recording_and_writes_the_rig_that_it_would_use(
         "warnings": [],
     }
     assert [*(load_rig(rig).lidars or {})] == ["top", "low"]
-
-
-def test_a_repair_is_not_checked(tmp_path: Path) -> None:
-    with pytest.raises(typer.BadParameter, match="not together with --repair"):
-        inspected(recording(tmp_path / "a.bag", "top"), check=True, repair=tmp_path / "whole.mcap")
 
 
 def two_lidars(folder: Path) -> Path:

@@ -33,9 +33,6 @@ def of_all(**figures: int) -> dict[str, Any]:
     ("changed", "told"),
     [
         ({}, []),
-        ({"frames": 0, "frames_with_truth": 0}, []),
-        ({"frames_with_truth": 10}, []),
-        ({"frames_with_truth": 9}, ["truth: it covers the time of 9 of 20 frames; only frames with truth count"]),
         (
             {"frames_with_truth": 0},
             [
@@ -68,7 +65,6 @@ def of_all(**figures: int) -> dict[str, Any]:
                 "result are of the same recording and in the same frame of reference"
             ],
         ),
-        (of_all(truth=0, right=0), []),
         ({"sources": {}}, []),
         (
             {"fusion_gain": {"car": {"blocks": 2, "ap_bev_r40_50": TAKES_AWAY}}},

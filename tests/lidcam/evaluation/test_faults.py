@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -212,16 +211,3 @@ def test_a_fault_moves_what_is_about_it_and_no_other(fault: str) -> None:
     assert of_cars == TABLE[fault]
     if fault != "all boxes are 10 cm off":
         assert {name.split(".")[2] for name in names} == {"car", "all"}
-
-
-def mistakes(found: NamedFigures) -> dict[str, Any]:
-    tree: Any = found.tree
-    return dict(tree["mistakes"]["fused"])
-
-
-def test_the_worst_mistakes_are_those_that_were_made() -> None:
-    assert mistakes(without_fault()) == {"false": [], "missed": []}
-    (missed,) = mistakes(figures(spoiled("a match is lost")))["missed"]
-    assert (missed["class"], missed["worst_frame"], missed["frames"]) == ("car", FRAME, 1)
-    (false,) = mistakes(figures(spoiled("an object is doubled")))["false"]
-    assert (false["class"], false["worst_frame"], false["cause"]) == ("car", FRAME, "second")

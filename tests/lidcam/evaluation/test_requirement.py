@@ -43,13 +43,10 @@ def test_a_requirement_is_read(text: str, requirement: Requirement) -> None:
     [
         ("", "expected a figure, a comparison and a number, as in 'fused.car.ap_bev_r40_50 >= 0.9', found ''"),
         ("fused.car.recall", "expected a figure, a comparison and a number"),
-        (">= 0.9", "expected a figure, a comparison and a number"),
-        ("0.5 < fused.car.recall < 0.9", "expected a figure, a comparison and a number"),
         ("a = 0.9", "'a = 0.9': expected one of >=, <=, ==, !=, >, <, found '='"),
         ("a >= high", "'a >= high': expected a number after >=, found 'high'"),
         ("a >= inf", "expected a number after >=, found 'inf'"),
         ("a >= 90%", "expected a number after >=, found '90%'; shares are numbers from 0 to 1"),
-        ("0.9 <= fused.car.recall", "expected a number after <=, found 'fused.car.recall'"),
     ],
 )
 def test_what_is_no_requirement(text: str, told: str) -> None:
@@ -63,11 +60,8 @@ def test_what_is_no_requirement(text: str, told: str) -> None:
     [
         ("fused.car.recall >= 0.84", ""),
         ("fused.car.recall >= 0.9", "fused.car.recall: expected >= 0.9, found 0.84"),
-        ("fused.car.exact > 0.9", "fused.car.exact: expected > 0.9, found 0.9"),
         ("fused.car.close >= 0.9", "fused.car.close: expected >= 0.9, found 0.89999999"),
-        ("fused.car.exact == 0.9", ""),
         ("fused.car.exact != 0.9", "fused.car.exact: expected != 0.9, found 0.9"),
-        ("frames >= 100", "frames: expected >= 100, found 20"),
         (
             "fused.bus.recall >= 0",
             "fused.bus.recall: expected >= 0, found that it is not defined: there is no truth of it",
@@ -76,18 +70,11 @@ def test_what_is_no_requirement(text: str, told: str) -> None:
             "fused.van.precision > 0",
             "fused.van.precision: expected > 0, found that it is not defined: nothing of it was found",
         ),
-        ("fused.all.nds > 0", "fused.all.nds: expected > 0, found that it is not defined"),
         ("fused.car.name > 0", "fused.car.name: expected > 0, found the text 'x'"),
     ],
 )
 def test_a_requirement_is_met_or_not(text: str, failure: str) -> None:
     assert Requirement.parse(text).check(FIGURES).failure == failure
-
-
-def test_without_truth_nothing_about_it_is_defined() -> None:
-    figures = NamedFigures({"frames_with_truth": 0, "sources": {"fused": {"car": {"recall": None, "truth": 0}}}})
-    failure = Requirement.parse("fused.car.recall >= 0.5").check(figures).failure
-    assert failure == "fused.car.recall: expected >= 0.5, found that it is not defined: there is no truth"
 
 
 @pytest.mark.parametrize("tree", [{"frames": 3}, {"frames": 3, "tracking": {}}])
@@ -147,7 +134,6 @@ def test_a_file_of_requirements(tmp_path: Path) -> None:
     ("content", "told"),
     [
         (b"", "gate.txt: expected at least one requirement, as 'fused.car.ap_bev_r40_50 >= 0.9', found none"),
-        (b"# only\n# remarks\n", "found none"),
         (b"a > 1\nb = 2\n", "gate.txt, line 2: 'b = 2': expected one of"),
         (b"\xff\xfe", "expected requirements as UTF-8 text, found other bytes at 0"),
         (None, "gate.txt: expected requirements, found no such file"),

@@ -17,7 +17,7 @@ from onnx_files import write_yolox
 from range_server import RangeServer, range_server
 
 from lidcam.networks.fetch import _SafeRedirects
-from lidcam.networks.known import NETWORKS, KnownNetwork, network_path, networks_folder
+from lidcam.networks.known import NETWORKS, network_path, networks_folder
 from lidcam.pipeline.core.errors import ModelError
 from lidcam.readers.results.result import open_result
 
@@ -122,12 +122,6 @@ def test_nothing_leads_from_https_to_http() -> None:
     assert followed is not None
     with pytest.raises(URLError, match="leads to http://other, and not to https"):
         redirects.redirect_request(request, BytesIO(), 302, "", HTTPMessage(), "http://other/n.onnx")
-
-
-@pytest.mark.parametrize("known", NETWORKS.values(), ids=NETWORKS)
-def test_the_table_names_files_of_the_maker(known: KnownNetwork) -> None:
-    assert known.address.startswith("https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0/")
-    assert (len(known.sha256), len(bytes.fromhex(known.sha256))) == (64, 32)
 
 
 def test_where_networks_lie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,16 +27,6 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> lidcam.RunResult:
     return lidcam.process(CROSSING, outputs, settings=[CLUSTERS], duration_s=0.7, workers=1)
 
 
-def test_a_bar_is_drawn_where_it_is_asked_for(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")  # stderr counts as a terminal
-    lidcam.process(CROSSING, settings=[CLUSTERS], duration_s=0.3, workers=1, progress=True)
-    shown = capsys.readouterr().err
-    assert " frames, " in shown
-    assert "of 0.3 s" in shown
-
-
 def of_result(report: Any) -> dict[str, Any]:
     """What a result holds of a report."""
     own = {field.name: getattr(report, field.name) for field in fields(report)}
@@ -120,14 +110,3 @@ def test_the_viewer_gets_all_of_the_rerun_recording(run: lidcam.RunResult, monke
     run.show()
     sent = streams[0].read(flush=True)
     assert len(sent) > 0.9 * run.report.outputs[1].stat().st_size
-
-
-def test_what_the_sensors_of_a_frame_measured() -> None:
-    settings = ["track.mode=none", CLUSTERS]
-    frame = next(lidcam.iter_frames(CROSSING, duration_s=0.3, settings=settings, workers=1))
-    images, clouds = lidcam.decode_images(frame), lidcam.decode_clouds(frame)
-    assert {*images} == {name for name, view in frame.views.items() if view.topic in frame.bundle.messages}
-    assert {image.shape for image in images.values()} == {(720, 1280, 3)}
-    assert {*clouds} == {"/lidar_north_east/velodyne_packets", "/lidar_south_west/velodyne_packets"}
-    assert sum(map(len, clouds.values())) == frame.combined.counts["input"]
-    assert {cloud.frame_id for cloud in clouds.values()} == {"lidar_north_east", "lidar_south_west"}

@@ -57,15 +57,6 @@ def test_a_pattern_without_topic_is_named_once() -> None:
     assert notes == ("output.copy_topics: no topic with messages is called /odometry",)
 
 
-def test_names_of_the_result_are_not_taken() -> None:
-    topics, notes = chosen(["*/detections", "/left/*"])
-    assert topics == ()
-    assert notes == (
-        "/fused/detections is not copied to the output: the result has a topic of that name",
-        "/left/image is not copied to the output: the result has a topic of that name",
-    )
-
-
 def test_what_cannot_be_copied_is_named() -> None:
     grid = RawMessage(1, 1, (0, 0), b"{}", Channel("/grid", "foxglove.Grid", "json"))
     reason = "its messages are json, expected ROS messages"

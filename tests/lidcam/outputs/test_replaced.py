@@ -1,6 +1,5 @@
 """What a run may replace: outputs of earlier runs of its kind, never a recording, an edited file or an input."""
 
-import json
 import os
 import shutil
 from pathlib import Path
@@ -20,7 +19,7 @@ from lidcam.outputs.allowed import REPAIRED, SIMULATED, TEXT, check_no_input, ch
 from lidcam.outputs.registry import OUTPUTS, loaded
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.writers.outputs.marks import is_unchanged_text, marked_json, marked_yaml
+from lidcam.writers.outputs.marks import is_unchanged_text, marked_yaml
 
 OWN = {output.name: loaded(output.is_own) for output in OUTPUTS if output.is_own} | {
     "repaired": REPAIRED.is_own,
@@ -92,12 +91,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("repaired.mcap", "repaired"),
         ("rig.yaml", "text"),
         ("sim.bag", "simulated"),
-        ("sim.bag.rig.yaml", "text"),
-        ("sim.bag.scenario.yaml", "text"),
         ("sim", "simulated"),
-        ("sim.mcap", "simulated"),
         ("rec.mcap", None),
-        ("rec.bag", None),
         ("rec", None),
     ],
 )
@@ -117,13 +112,6 @@ def test_what_is_cut_or_changed_is_not_lidcam_s(results: Path, tmp_path: Path, n
         assert recognised(path) == [], size
     path.write_bytes(content + b"\n")
     assert recognised(path) == [] or name == "sim.bag"
-
-
-def test_an_edited_text_is_not_called_a_recording(tmp_path: Path) -> None:
-    (tmp_path / "a.yaml").write_text("{}")
-    with pytest.raises(OutputError, match=r"edited, or written by an earlier version\); choose another name") as raised:
-        check_replaced(lambda _: TEXT, overwrite=False)(tmp_path / "a.yaml")
-    assert "recording" not in str(raised.value)
 
 
 def test_what_only_looks_like_it_is_not_lidcam_s(results: Path, tmp_path: Path) -> None:
@@ -147,15 +135,6 @@ def test_what_only_looks_like_it_is_not_lidcam_s(results: Path, tmp_path: Path) 
 def test_marked_text_is_unchanged_until_it_is_changed(text: str) -> None:
     marked = marked_yaml(text)
     assert [is_unchanged_text(one) for one in (marked, f"{marked} ", text)] == [True, False, False]
-
-
-def test_marked_json_is_json() -> None:
-    marked = marked_json(json.dumps({"a": [1, 2]}, indent=2) + "\n")
-    tree = json.loads(marked)
-    assert tree.pop("lidcam").startswith("sha256 ")
-    assert tree == {"a": [1, 2]}
-    assert is_unchanged_text(marked)
-    assert not is_unchanged_text(marked.replace("1", "3"))
 
 
 def folder_of(results: Path, folder: Path) -> Path:

@@ -22,11 +22,9 @@ CAMERA = replace(camera_at("front", (0.0, 0.0, 1.5)), boxes_topic="/front/boxes"
         ((), "road", False, "learned"),
         ((), "road", True, "geometric"),
         (("detect2d.method=none",), "road", True, "learned"),
-        ((), "crossing", False, "learned"),
         ((), "sandbox", False, "geometric"),
         (("detect3d.score=learned",), "road", True, "learned"),
         (("detect3d.score=geometric",), "road", False, "geometric"),
-        (("detect3d.weights=mine.npz",), "road", True, "learned"),
         (("detect3d.weights=mine.npz",), "sandbox", True, "learned"),  # an error that names the classes follows
     ],
 )
@@ -45,10 +43,7 @@ def test_where_the_score_of_clusters_is_learned(
         (("detect3d.method=pillars",), "road", "pillars", EMBEDDED["traffic"]),
         (("detect3d.model=mine.onnx",), "road", "combined", Path("mine.onnx")),
         ((), "sandbox", "combined", EMBEDDED["sandbox"]),
-        (("detect3d.method=cluster",), "sandbox", "cluster", None),
-        (("detect3d.model=mine.onnx",), "sandbox", "combined", Path("mine.onnx")),
         ((UNKNOWN_CLASS,), "road", "cluster", None),
-        (("detect3d.model=mine.onnx", "detect3d.method=pillars"), "road", "pillars", Path("mine.onnx")),
         (("detect3d.method=none",), "road", "none", None),
     ],
 )

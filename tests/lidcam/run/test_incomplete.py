@@ -22,9 +22,7 @@ BAG, OTHER = Path("drive.bag"), Path("a.bag")
     [
         ([], []),
         ([Loss(BAG, 0, "the recorder did not close it; completed from drive.bag-wal in a copy", messages=0)], []),
-        ([Loss(BAG, 0, "x", messages=1)], ["drive.bag: damaged, 1 message lost"]),
         ([Loss(BAG, 0, "x", messages=1), Loss(BAG, 9, "y", messages=30)], ["drive.bag: damaged, 31 messages lost"]),
-        ([Loss(BAG, 0, "x")], ["drive.bag: damaged, an unknown number of messages lost"]),
         ([Loss(BAG, 0, "x"), Loss(BAG, 9, "x", messages=2)], ["drive.bag: damaged, 2 messages or more lost"]),
         (
             [Loss(BAG, 0, "x", messages=4), Loss(OTHER, 0, "x", messages=0), Loss(OTHER, 3, "x")],

@@ -10,13 +10,9 @@ from builders import pointcloud2, raw
 from memory_recording import MemoryRecording
 
 from lidcam.pipeline.core.arrays import F32
-from lidcam.pipeline.core.geometry.transform_tree import TransformTree
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.readers.messages.tf import RecordedTransforms
-from lidcam.readers.rig.discovery import Discovery
-from lidcam.run.choice import choose_settings, use_settings
 from lidcam.run.scene import MAX_MESSAGES, SceneSize, measure_scene
 
 START_NS = 1_600_000_000_000_000_000
@@ -74,11 +70,6 @@ def test_a_ground_that_the_rig_knows_is_not_sought() -> None:
     assert measured([cloud(0, wall)], rig(2.0, ground_height_m=-1.5)).lidar_height_m == 3.5
 
 
-def test_beams_without_a_return_are_not_points() -> None:
-    xyz = np.concatenate([floor(8, 4, 0.3), np.zeros((60_000, 3), np.float32)])
-    assert measured([cloud(0, xyz)], rig(0.3)).extent_m[0] > 7
-
-
 @pytest.mark.parametrize(
     "messages",
     [
@@ -109,24 +100,3 @@ def test_the_effort_is_bounded_where_no_cloud_can_be_decoded() -> None:
     recording = Counting([broken(cloud(0, floor(8, 4, 0.3)))._replace(log_time_ns=START_NS + n) for n in range(300)])
     assert measure_scene(recording, rig(0.3), Config()) is None
     assert recording.read == MAX_MESSAGES
-
-
-FLOOR = [cloud(0, floor(8, 4, 0.3))]
-
-
-@pytest.mark.parametrize(
-    ("messages", "given", "config", "name", "how", "read"),
-    [
-        (FLOOR, Config(), Config(), "as given", "given", 0),
-        (FLOOR, None, choose_settings("sandbox").config, "sandbox", "judged", 1),
-        ([], None, Config(), "defaults", "not judged", 0),
-    ],
-    ids=["given", "not given", "without clouds"],
-)
-def test_what_is_not_given_is_judged(
-    messages: list[RawMessage], given: Config | None, config: Config, name: str, how: str, read: int
-) -> None:
-    recording = Counting(messages)
-    found = Discovery(rig(0.3), (), (), (), RecordedTransforms(TransformTree()))
-    chosen, used, _ = use_settings(choose_settings(given), recording, found, None, moves=False)
-    assert (chosen, used.name, used.how, recording.read) == (config, name, how, read)

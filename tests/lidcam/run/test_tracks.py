@@ -21,10 +21,7 @@ from small_drive import small_drive
 import lidcam
 from lidcam.pipeline.core.detections import Fused
 from lidcam.pipeline.core.frame import FrameResult
-from lidcam.processing import RunObserver, process_recording
-from lidcam.run.job import make_job
 from lidcam.run.summary import summary_tree
-from lidcam.run.tally import RunProgress
 from lidcam.run.tracks import FrameTracker, tracked
 
 FRAMES = 12
@@ -118,12 +115,6 @@ def test_a_frame_comes_back_as_it_was(tracker: FrameTracker) -> None:
         assert after.bundle.stamp_ns == before.bundle.stamp_ns
 
 
-def test_what_is_settled_at_once_is_not_copied(files: list[io.FileIO]) -> None:
-    found = list(tracked(frames(5), Late(0), None))
-    assert all(frame.combined is one_frame().combined for frame in found)
-    assert files == []
-
-
 def test_frames_wait_on_the_disk_and_files_that_were_read_go(
     files: list[io.FileIO], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -155,21 +146,6 @@ def test_files_are_closed_when_the_frames_end_with_an_error(delay: int, files: l
     assert all(file.closed for file in files)
 
 
-def test_a_tracker_that_miscounts_is_found_out() -> None:
-    class TooMany(Late):
-        def add_frame(self, frame: FrameResult) -> list[Fused]:
-            return [frame.fused, frame.fused]
-
-    class TooFew(Late):
-        def finish(self) -> list[Fused]:
-            return super().finish()[1:]
-
-    with pytest.raises(ValueError, match="expected at most 1 settled frames, got 2"):
-        list(tracked(frames(3), TooMany(0), None))
-    with pytest.raises(ValueError, match="expected 2 settled frames at the end, got 1"):
-        list(tracked(frames(3), TooFew(2), None))
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full, the disk that is always full")
 def test_a_full_disk_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     full = lambda **_: open("/dev/full", "r+b", buffering=0)  # noqa: E731, PTH123, SIM115  # closed with the spool
@@ -178,21 +154,6 @@ def test_a_full_disk_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_pa
         list(tracked(frames(3), Late(2), tmp_path))
     line = "cannot buffer frames there: No space left on device: free some space, or reduce track.window_s"
     assert str(caught.value) == f"{tmp_path}: {line}"
-
-
-class Told(RunObserver):
-    """What a run tells, in its order: numbers of passed frames, and of frames."""
-
-    def __init__(self) -> None:
-        self.all: list[tuple[str, int]] = []
-        self.log_times_ns: list[int] = []
-
-    def frame(self, result: FrameResult) -> None:
-        self.all.append(("frame", result.bundle.index))
-
-    def advanced(self, progress: RunProgress) -> None:
-        self.all.append(("advanced", progress.frames))
-        self.log_times_ns.append(progress.log_time_ns)
 
 
 @pytest.fixture
@@ -234,31 +195,3 @@ def test_same_outputs_with_and_without_a_delay_for_any_workers(
         written.append(((folder / "out.mcap").read_bytes(), told(report)))
         assert {path.suffix for path in folder.iterdir()} <= {".mcap", ".rrd", ".json"}
     assert all(one == written[0] for one in written)
-
-
-def test_progress_moves_while_frames_wait(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    use(Late(3, 2), monkeypatch)
-    observer = Told()
-    process_recording(make_job(recording, settings=[CLUSTERS], workers=1), observer)
-    assert observer.all[:9] == [
-        *(("advanced", number) for number in (1, 2, 3, 4)),
-        ("frame", 0),
-        ("frame", 1),
-        ("advanced", 5),
-        ("advanced", 6),
-        ("frame", 2),
-    ]
-    assert [number for what, number in observer.all if what == "frame"] == list(range(FRAMES))
-    assert [number for what, number in observer.all if what == "advanced"] == list(range(1, FRAMES + 1))
-    assert observer.log_times_ns == sorted(set(observer.log_times_ns))
-
-
-def test_leaving_the_loop_leaves_nothing(
-    recording: Path, files: list[io.FileIO], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    use(Late(4), monkeypatch)
-    rest = lidcam.iter_frames(recording, settings=[CLUSTERS], workers=1)
-    next(rest)
-    assert not all(file.closed for file in files)
-    rest.close()
-    assert all(file.closed for file in files)

@@ -12,7 +12,7 @@ pytest.importorskip("torch", reason="needs the extra train")
 from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.detectors.cluster.features import FEATURES
 from lidcam.training import fit
-from lidcam.training.card import calibration_error, figures, log_loss
+from lidcam.training.card import figures, log_loss
 from lidcam.training.examples import Examples, examples_of_worlds, kinds_of_boxes
 from lidcam.training.fit import calibrated, fitted
 
@@ -68,10 +68,3 @@ def test_what_shows_is_learned_the_same_again_and_calibrated(monkeypatch: pytest
     sure = replace(network, weights=(*network.weights[:-1], 2.5 * network.weights[-1]))
     before, after = sure(held_out.features), calibrated(sure, held_out)(held_out.features)
     assert log_loss(after, held_out.kinds) < log_loss(before, held_out.kinds) - 0.05
-
-
-def test_calibration_error() -> None:
-    score, is_true = np.array([0.9, 0.9, 0.9, 0.9, 0.2, 0.01]), np.array([1, 1, 1, 0, 0, 1], np.bool_)
-    error = calibration_error(score, is_true, np.ones(6))
-    assert error == pytest.approx((4 * 0.15 + 0.2) / 5)
-    assert calibration_error(score[:0], is_true[:0], np.ones(0)) == 0

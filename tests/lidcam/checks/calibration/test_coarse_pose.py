@@ -80,9 +80,7 @@ def test_cameras_as_calibrated_are_not_named() -> None:
 @pytest.mark.parametrize(
     ("camera", "how"),
     [
-        (turned(TRUE, "y", 10), "if it looked 10 degrees further right; calibrate it again"),
         (turned(TRUE, "y", -20), "if it looked 20 degrees further left; calibrate it again"),
-        (turned(TRUE, "x", 10), "if it looked 10 degrees further up; calibrate it again"),
         (turned(TRUE, "x", -10), "if it looked 10 degrees further down; calibrate it again"),
         (
             posed(TRUE, TRUE.T_camera_site.inverse().matrix),

@@ -53,13 +53,9 @@ def warned(names: str, wrong: str = "", ground_height_m: float | None = None) ->
     [
         ("abc", "", None, []),
         ("abc", "a", None, ["a"]),
-        ("abc", "b", None, ["b"]),
-        ("abc", "c", None, ["c"]),
-        ("ab", "", None, []),
         ("ab", "b", None, ["b"]),
         ("a", "a", None, []),  # nothing to compare with
         ("a", "a", 0.0, ["a"]),
-        ("a", "", 0.0, []),
         ("abc", "ab", 0.0, ["a", "b"]),
         ("a", "", 9.0, []),  # neither pose fits
     ],
@@ -80,14 +76,9 @@ def test_two_lidars_of_one_height_contradict_each_other() -> None:
     assert second.subject == "b"
 
 
-def test_a_lidar_without_a_cloud_says_nothing() -> None:
-    rig = replace(RIG, lidars=(lidar("a"), inverted(lidar("b"))), ground_height_m=None)
-    assert inverted_lidars(rig, CombineConfig(), {"b": measured(lidar("b"))}) == ()
-
-
 @pytest.mark.parametrize(
     ("turned_deg", "tilt"),
-    [([45, 0, 0], "45"), ([0, -30, 0], "30"), ([0, 0, 45], None), ([4, 0, 0], None), ([0, 0, 0], None)],
+    [([45, 0, 0], "45"), ([0, -30, 0], "30"), ([0, 0, 45], None), ([4, 0, 0], None)],
 )
 def test_a_lidar_whose_mount_was_forgotten(turned_deg: list[float], tilt: str | None) -> None:
     true = [lidar("a"), lidar("b")]
@@ -110,7 +101,6 @@ def test_a_lidar_whose_mount_was_forgotten(turned_deg: list[float], tilt: str | 
         ((-10, 0, 0), 600, 2, "; check its extrinsics and the frame that they are given in"),
         ((-10, 0, 0), 400, 0, ""),  # too few points
         ((10, 0, 9), 600, 2, ";"),  # above the image
-        ((10, 9, 0), 600, 2, ";"),  # left of it
         ((0, -10, 0), 600, 2, " (600 do with the inverse of its extrinsics); check its extrinsics and the frame that"),
     ],
 )

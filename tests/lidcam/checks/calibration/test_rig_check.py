@@ -8,7 +8,7 @@ import pytest
 from detections import forward_camera
 from wrong_cameras import CAMERA, cuboids, passing, without_tracks
 
-from lidcam.checks.calibration.rig_check import EvenSample, RigCheck
+from lidcam.checks.calibration.rig_check import RigCheck
 from lidcam.cli.printing.rig_check import check_tree, print_check
 from lidcam.cli.printing.terminal import console
 from lidcam.pipeline.core.frame import FrameResult
@@ -66,17 +66,6 @@ def test_good_rigs_give_no_warning(frames: list[FrameResult]) -> None:
     check = checked(frames)
     assert check.warnings == ()
     assert check.corrected().cameras == RIG.cameras
-
-
-@pytest.mark.parametrize("count", [0, 1, 5, 6, 1000])
-def test_a_sample_is_spread_evenly_over_the_run(count: int) -> None:
-    sample = EvenSample[int](5)
-    for number in range(count):
-        sample.add(number)
-    kept = [*sample]
-    assert min(count, 3) <= len(kept) <= 5
-    assert kept == [*range(0, count, max(kept[1] - kept[0], 1) if count > 1 else 1)][: len(kept)]
-    assert not kept or count - kept[-1] <= 2 * max(kept[-1] // max(len(kept) - 1, 1), 1)
 
 
 def test_verdicts_are_printed_and_written_as_values(capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from logging_state import kept_logging
-from rich.cells import cell_len
 from rich.console import Console
 from rich.text import Text
 
@@ -81,14 +80,6 @@ def test_a_console_lets_nothing_through(is_terminal: bool) -> None:
     assert not [line for line in text.splitlines() if line.startswith("lidcam: error: faked")] or is_terminal
     assert text.startswith(SHOWN)
     assert "[red]" in text
-
-
-def test_widths_are_those_of_what_is_shown() -> None:
-    out, file = a_console(is_terminal=False)
-    show_table(out, drops_table({"\x1b[2J": 1, "宽宽": 2, "/points": 3}, []))
-    rows = file.getvalue().splitlines()[2:]
-    assert rows[0].startswith("\\x1b[2J")
-    assert len({cell_len(row) for row in rows}) == 1
 
 
 @pytest.fixture

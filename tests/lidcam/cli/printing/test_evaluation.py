@@ -1,11 +1,9 @@
 """What is printed of an evaluation."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from io import StringIO
 from typing import Any
 
-import numpy as np
 import pytest
 from evaluation_frames import frame_of, rows_at, source_boxes, truth_boxes
 
@@ -17,7 +15,7 @@ from lidcam.evaluation.figures import NamedFigures
 from lidcam.evaluation.requirement import read_requirements
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Motion
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
 from lidcam.readers.input_file import InputFile
 from lidcam.run.warning import RunWarning
 
@@ -79,8 +77,6 @@ SHORT = "; the recording is too short for a confidence interval."
     ("lidar", "fused", "count", "told"),
     [
         ([], [CAR_AT], 20, f"Fusion adds 1.00 AP over {OVER}{SHORT}"),
-        ([CAR_AT], [], 20, f"Fusion removes 1.00 AP from {OVER}{SHORT}"),
-        ([CAR_AT], [CAR_AT], 20, f"Fusion adds 0.00 AP over {OVER}{SHORT}"),
         ([], [CAR_AT], 60, f"Fusion adds 1.00 AP (+1.00 to +1.00) over {OVER}."),
         ([CAR_AT], [], 60, f"Fusion removes 1.00 AP (-1.00 to -1.00) from {OVER}."),
         (
@@ -117,33 +113,6 @@ def test_without_truth() -> None:
     assert "Fusion" not in text
     assert "without ground truth: chains\n" in text
     assert "\nfused             1.0       1" in text
-
-
-def test_motion_and_trust_of_tracks() -> None:
-    """The fused car stands and is said to creep at 0.5 m/s; a false track lasts 1.9 s."""
-    found = frames(lidar=[CAR_AT], fused=[CAR_AT, (60.0, 0.0)], truth=[CAR_AT], ids=True)
-    told = []
-    for k, frame in enumerate(found):
-        fused = frame.sources["fused"]
-        motion = Motion(np.array([[0.3, 0.4], [0.0, 0.0]]), np.zeros(2), np.array([k == 3, False]))
-        told.append(replace(frame, sources={**frame.sources, "fused": replace(fused, motion=motion)}))
-    text = printed(told)
-    assert (
-        "\nmotion and covariance of tracks (m/s, degrees/s)\n"
-        "class       source  speed  yaw/s  flips  NEES  in 95 %  pred.  false  lasting\n"
-        "car         lidar       -      -      -   0.0    100 %      -      0        -\n"
-        "            fused    0.50    0.0      -   0.0    100 %  100 %      0        -\n"
-        "pedestrian  lidar       -      -      -     -        -      -      0        -\n"
-        "            fused       -      -      -     -        -      -      1      1.9\n"
-        "all         lidar       -      -      -   0.0    100 %      -      0        -\n"
-        "            fused    0.50    0.0      -   0.0    100 %  100 %      1      1.9\n"
-    ) in text
-
-
-def test_other_settings_have_other_names() -> None:
-    text = printed(frames(lidar=[CAR_AT], fused=[CAR_AT], truth=[CAR_AT]), iou=[0.25, 0.75], distances="nuscenes")
-    assert "at an IoU of 75 %, 40 recalls" in text
-    assert "those of nuScenes." in text
 
 
 def test_requirements_and_warnings_come_last() -> None:

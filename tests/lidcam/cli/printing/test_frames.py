@@ -34,18 +34,6 @@ def test_every_source_is_printed() -> None:
         assert remark in text
 
 
-def test_rows_beyond_the_lidars_are_proposed_by_2d_boxes() -> None:
-    result = frame(sources=[LIDAR, BOTH, CAMERA])
-    proposed = replace(result.hypotheses, lidar_count=1, matches=_matched_last(result))
-    lines = printed(replace(result, hypotheses=proposed)).splitlines()
-    assert "  left: 2D box 1 (pedestrian) is object 2, IoU 0.50" in lines
-    assert lines[-3:] == [
-        "  object 1: proposed by 2D boxes, with points of the lidars",
-        "  object 2: proposed by 2D boxes, placed by the cameras alone",
-        "  seen by the lidars alone: object 0",
-    ]
-
-
 def test_what_is_not_reported_is_no_object() -> None:
     result = frame(sources=[LIDAR, BOTH, CAMERA])
     proposed = replace(result.hypotheses, lidar_count=1, matches=_matched_last(result))

@@ -95,16 +95,6 @@ def test_a_log_file_gets_everything_with_times(tmp_path: Path, verbosity: Verbos
     ]
 
 
-def test_the_traceback_of_a_bug_is_in_the_file_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    configure_logging(Verbosity.VERBOSE, tmp_path / "run.log")
-    try:
-        1 / 0  # noqa: B018  # stands for a bug
-    except ZeroDivisionError:
-        logging.getLogger("lidcam.cli.program").debug("a bug", exc_info=True)
-    assert capsys.readouterr().err == ""
-    assert "ZeroDivisionError" in (tmp_path / "run.log").read_text(encoding="utf-8")
-
-
 def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="expected a log file that can be written: No such file or directory"):
         configure_logging(Verbosity.NORMAL, tmp_path / "missing" / "run.log")

@@ -23,8 +23,6 @@ MISTAKE: dict[str, Any] = {
         ("false", {}, "score 0.88, no object there"),
         ("false", {"label": "van", "cause": "class"}, "score 0.88, is a van"),
         ("false", {"label": "van", "cause": "second"}, "score 0.88, second box of a van"),
-        ("false", {"label": "van", "cause": "place"}, "score 0.88, too far from its van"),
-        ("missed", {"label": "van", "lidar_points": 7}, "van, 7 points"),
         ("missed", {"label": "truck", "lidar_points": 7}, "7 points"),
         ("missed", {"label": "truck"}, "points unknown"),
     ],

@@ -26,15 +26,6 @@ def log(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, progress_log.name)
 
 
-@pytest.mark.parametrize("is_terminal", [True, False])
-def test_there_is_a_bar_on_terminals_only(is_terminal: bool) -> None:
-    text = io.StringIO()
-    with show_progress(4.0, err=Console(file=text, force_terminal=is_terminal, width=80)) as advance:
-        advance(2.5, FACTS)
-    assert ("2.5 of 4.0 s" in text.getvalue()) == is_terminal
-    assert (FACTS in text.getvalue()) == is_terminal
-
-
 def test_there_is_none_where_the_user_wants_quiet(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.ERROR, progress_log.name)
     text, clock = io.StringIO(), Clock()

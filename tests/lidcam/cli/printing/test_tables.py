@@ -35,9 +35,7 @@ def test_objects_by_zone() -> None:
     ("objects", "zones", "frames", "row"),
     [
         ({("car", ""): 3}, [], 1, ["car", "3", "3.0"]),
-        ({("car", ""): 3}, [], 20, ["car", "3", "0.1"]),
         ({("car", ""): 3}, [], 0, ["car", "3", "3.0"]),
-        ({}, [], 5, ["none", "0", "0.0"]),
         ({}, ["a"], 5, ["none", "0", "0", "0", "0.0"]),
     ],
 )
@@ -67,17 +65,6 @@ def test_road_users_by_zone() -> None:
         "            all          12       8.0     13.9",
         "pedestrian  all           3       1.3      2.0",
     ]
-
-
-def test_road_users_without_zones() -> None:
-    users = RoadUsers(USERS.counts[2:], ())
-    assert text(road_users_table(users, []))[1:] == [
-        "class       number  mean m/s  max m/s",
-        "car             12       8.0     13.9",
-        "pedestrian       3       1.3      2.0",
-    ]
-    for zones in ([], ["north"]):
-        assert text(road_users_table(RoadUsers((), ()), zones))[2].split() == ["none", "0"]
 
 
 def test_sensors_with_a_time_offset_have_a_column_of_it() -> None:

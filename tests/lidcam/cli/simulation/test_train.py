@@ -15,11 +15,8 @@ pytest.importorskip("torch", reason="needs the extra train")
     ("command", "name"),
     [
         (("clusters", "--out", "mine.npz"), "mine.npz"),
-        (("clusters", "--out", "mine.npz"), "mine.md"),
         (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.onnx"),
-        (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.md"),
         (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.ckpt"),
-        (("pillars", "--steps", "1", "--out", "mine.onnx", "--resume", "--workers", "1"), "mine.onnx"),
         (("convert", "net.pth", "--out", "mine.onnx"), "mine.onnx"),
     ],
 )
@@ -57,7 +54,6 @@ def test_a_network_is_not_converted_onto_itself(tmp_path: Path) -> None:
     ("recording", "command", "expected"),
     [
         ("sandbox.bag", ["clusters", "--out", "mine.npz"], "road users of full size, as of --config road"),
-        ("sandbox.bag", ["pillars", "--steps", "1", "--out", "mine.onnx"], "road users of full size, as of"),
         (
             "crossing.mcap",
             ["pillars", "--steps", "1", "--out", "mine.onnx", "--family", "sandbox"],

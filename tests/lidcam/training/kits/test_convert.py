@@ -121,7 +121,6 @@ def changed(config: dict[str, Any], place: str, value: object) -> dict[str, Any]
     [
         ("dense_head.conv_box.bias", None, r"dense_head\.conv_box\.bias \(28,\) in the checkpoint, found none$"),
         ("vfe.pfn_layers.0.linear.weight", torch.zeros(4, 9), r"weight \(4, 10\) in the checkpoint, found \(4, 9\)$"),
-        ("backbone_2d.blocks.9.1.weight", torch.zeros(1), r"no other weights .*, found 1: backbone_2d\.blocks\.9"),
         ("global_step", torch.zeros(1), None),
     ],
 )
@@ -137,24 +136,13 @@ def test_weights_that_do_not_fit_are_named(tmp_path: Path, name: str, weights: A
     ("config", "place", "value", "message"),
     [
         (OPENPCDET, "MODEL.BACKBONE_3D", {"NAME": "VoxelBackBone8x"}, r"BACKBONE_3D VoxelBackBone8x \(sparse conv"),
-        (OPENPCDET, "MODEL.VFE.NAME", "MeanVFE", "found PointPillar with VFE MeanVFE"),
         (OPENPCDET, "MODEL.DENSE_HEAD", None, "with no DENSE_HEAD"),
-        (OPENPCDET, "MODEL.VFE.NUM_FILTERS", None, "found no 'NUM_FILTERS'"),
         (OPENPCDET, "MODEL.VFE.NUM_FILTERS", [10**9], r"expected weights vfe\.\S+ \(1000000000, 10\)"),
-        (OPENPCDET, "MODEL.BACKBONE_2D.LAYER_NUMS", [1], r"expected a configuration of .*, found zip\(\) argument 2"),
-        (
-            OPENPCDET,
-            "MODEL.BACKBONE_2D.UPSAMPLE_STRIDES",
-            [1, 1],
-            r"deblocks\.1\.0\.weight \(12, 6, 1, 1\) .*, found \(12, 6, 2, 2\)",
-        ),
         (OPENPCDET, "DATA_CONFIG.DATASET", "MyDataset", "expected --ground-z and --intensity-max"),
         (OPENPCDET, "DATA_CONFIG._BASE_CONFIG_", "cfgs/none.yaml", r"found no file cfgs/none\.yaml, on which"),
         (MMDET3D, "model.middle_encoder.type", "SparseEncoder", r"SparseEncoder \(sparse convolutions\)"),
-        (MMDET3D, "model.bbox_head.anchor_generator.scales", [1, 2], r"expected \[1\], which lidcam runs, found"),
         (MMDET3D, "model.backbone.norm_cfg", {"type": "GN"}, r"norm_cfg\.type: expected BN, .* found GN"),
         (MMDET3D, "_base_", ["../a.py"], "with all of it in one file"),
-        (MMDET3D, "model", 5, "found argument of type 'int' is not"),
     ],
 )
 def test_what_is_not_run(tmp_path: Path, config: dict[str, Any], place: str, value: object, message: str) -> None:
@@ -214,7 +202,6 @@ def test_nothing_in_a_checkpoint_is_run(tmp_path: Path) -> None:
             True,
             r"mmdetection3d 1\.0 or later, found 0\.17\.1",
         ),
-        ({"state_dict": {"a": 5}}, True, "expected a checkpoint of .*, found AttributeError: 'int'"),
         ({"state_dict": {}}, True, "holds no configuration: give --config FILE"),
         (None, True, "found no such file"),
         (b"", True, "expected a checkpoint of"),
