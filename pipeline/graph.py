@@ -40,22 +40,15 @@ R_co = TypeVar("R_co", covariant=True)
 
 @dataclass(frozen=True, eq=False)
 class Node(Generic[R_co]):
-    """Handle to one stage's output.
+    """Handle to one stage's output."""
 
-    Attributes:
-        name: Stage name, for timing and errors.
-        fn: The stage.
-        inputs: Handles of its arguments, in order.
-        ordered: Whether it must see all frames in their order, because it remembers something or has an effect. Other
-            stages are pure: their output depends on their inputs alone, which they do not change.
-        timed: Whether its time is counted; off for stages that only put outputs of others together.
-    """
-
-    name: str
-    fn: Callable[..., R_co]
-    inputs: tuple["Node[Any]", ...] = ()
+    name: str  # Stage name, for timing and errors
+    fn: Callable[..., R_co]  # The stage
+    inputs: tuple["Node[Any]", ...] = ()  # Handles of its arguments, in order
+    # Whether it must see all frames in their order, because it remembers something or has an effect. Other stages are
+    # pure: their output depends on their inputs alone, which they do not change
     ordered: bool = False
-    timed: bool = True
+    timed: bool = True  # Whether its time is counted; off for stages that only put outputs of others together
 
 
 class How(TypedDict, total=False):
@@ -66,17 +59,12 @@ class How(TypedDict, total=False):
 
 
 class Parts(NamedTuple):
-    """The stages of a graph, by whether they may see frames in any order.
+    """The stages of a graph, by whether they may see frames in any order."""
 
-    Attributes:
-        free: Pure stages that read nothing but the frame and outputs of such stages, in their order.
-        handed: Those of them whose outputs the others read, or which are the sink.
-        ordered: The other stages, in their order.
-    """
-
+    # Pure stages that read nothing but the frame and outputs of such stages, in their order
     free: tuple[Node[Any], ...]
-    handed: tuple[Node[Any], ...]
-    ordered: tuple[Node[Any], ...]
+    handed: tuple[Node[Any], ...]  # Those of them whose outputs the others read, or which are the sink
+    ordered: tuple[Node[Any], ...]  # The other stages, in their order
 
 
 class Graph(Generic[F]):
