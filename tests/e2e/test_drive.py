@@ -114,12 +114,11 @@ def test_all_keys(driver: Driver) -> None:
 
 
 def test_scripted_keys_give_the_same_bytes_each_time(lidcam: Lidcam, tmp_path: Path) -> None:
-    scenario = write_small_scenario(tmp_path / "small.yaml")
+    scenario = write_small_scenario(tmp_path / "small.yaml", **LIDAR_ALONE)
     for name in ("a.mcap", "b.mcap"):
         done = lidcam("drive", scenario, tmp_path / name, "--keys", "wa2w", "--key-interval", 0.3)
         assert done.code == 0, done.err
     assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
-    write_small_scenario(scenario, **LIDAR_ALONE)
     done = lidcam("drive", scenario, tmp_path / "c.bag", "--keys", "wdoww", "--key-interval", 0.3)
     assert done.code == 0, done.err
     assert "0.6 s" in done.err  # nothing after the key to quit

@@ -17,7 +17,6 @@ COMMANDS = [
     "process {sandbox} out.mcap --evaluate --require @{url}",
     "process {sandbox} {url}",
     "batch {sandbox} --out {url}",
-    "inspect {url}",
     "evaluate {url}",
     "evaluate {sandbox} --truth {url}",
     "compare {url} {url}",

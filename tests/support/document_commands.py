@@ -1,6 +1,7 @@
 """The commands that the documents and the help texts name."""
 
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ def pages() -> list[Path]:
     ]
 
 
+@cache
 def commands_of_pages() -> dict[str, str]:
     """Each command once, with the page that names it first."""
     found: dict[str, str] = {}
@@ -45,6 +47,7 @@ def commands_of_pages() -> dict[str, str]:
     return found
 
 
+@cache
 def commands_of_help() -> dict[str, str]:
     """The examples of `--help`."""
     commands: dict[str, Any] = dict(get_command(app).commands)  # type: ignore[attr-defined]  # a group
