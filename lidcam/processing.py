@@ -42,6 +42,7 @@ from lidcam.run.box_sources import box_source, check_box_source, engine_3d
 from lidcam.run.build import build_graph
 from lidcam.run.choice import use_settings
 from lidcam.run.effect import settings_sha256
+from lidcam.run.first_look import corrected_by_recording
 from lidcam.run.frame import Frame
 from lidcam.run.frames import (
     RunInput,
@@ -56,7 +57,14 @@ from lidcam.run.frames import (
 )
 from lidcam.run.job import Job
 from lidcam.run.missing import MissingSensor, absence_warnings, missing_sensors, silence_warnings
-from lidcam.run.summary import InputSummary, RunSummary, SensorSummary, TimingSummary, unused_topics
+from lidcam.run.summary import (
+    InputSummary,
+    RunSummary,
+    SensorSummary,
+    TimingSummary,
+    camera_corrections,
+    unused_topics,
+)
 from lidcam.run.tally import DropTable, RunProgress, Tally
 from lidcam.run.tracks import tracked
 from lidcam.run.warning import RunWarning
@@ -165,11 +173,15 @@ class Run:
     """One pass over an open recording.
 
     Attributes:
-        source: The recording, its sensors and the settings.
+        source: The recording, its sensors, with the cameras as corrected by the recording, and the settings.
         found: How the sensors were found.
     """
 
     def __init__(self, source: RunInput, found: Discovery, drops: DropTable) -> None:
+        started = time.perf_counter()
+        reference_topic(source.config, source.rig)
+        source = corrected_by_recording(source)
+        first_look_s = time.perf_counter() - started
         self.source, self.found = source, found
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
         self._passed, self._log_time_ns = 0, source.recording.start_ns
@@ -181,10 +193,9 @@ class Run:
             ObjectCheck(source.recording, source.rig, source.config, source.settings, moves=source.motion is not None),
             DoubtedCheck(source.config, has_2d_boxes=box_source(source.config, source.rig) != "none"),
         )
-        started = time.perf_counter()
-        reference_topic(source.config, source.rig)
         self._make_graph = partial(build_graph, source.config, source.rig, on_bad=drops.on_bad)
         self._graph, self._result = self._make_graph()
+        self._graph.seconds["first look"] = first_look_s
         self._tracker = object_tracker(source.config, source.rig)
         check_box_source(source.config, source.recording, source.rig)
         self._workers = source.config.run.workers or usable_cores()
@@ -295,6 +306,7 @@ class Run:
                 box_source=box_source(source.config, source.rig),
                 box_source_3d=engine_3d(source.config),
                 motion_topics=motion_topics,
+                corrections=camera_corrections(source.rig),
             ),
             timing=TimingSummary(
                 stage_seconds=dict(self._graph.seconds),

@@ -33,13 +33,14 @@ Examples:
   lidcam inspect drive.bag --write-rig rig.yaml
   lidcam inspect bag_folder --json
   lidcam inspect broken.bag --repair whole.mcap
+  lidcam inspect drive.bag --check --model-2d yolox-nano
   lidcam inspect drive.bag --check --write-rig fixed.yaml
   lidcam inspect s3://bucket/drive.mcap
 """
 
 
 @with_log_options
-@with_job_options("config", "settings", "rig", "overwrite")
+@with_job_options("config", "settings", "rig", "model_2d", "model_3d", "overwrite")
 def inspect(
     paths: Annotated[list[str], typer.Argument(metavar="IN [IN ...]", help="Recording, or the parts of one.")],
     write_rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a draft rig (YAML).")] = None,
@@ -69,6 +70,8 @@ def inspect(
 
     if check and repair is not None:
         raise typer.BadParameter("not together with --repair: check the repaired recording", param_hint="--check")
+    if check:  # of the calibration as recorded
+        options["settings"] = [*options.get("settings", ()), "fuse.calibration=recorded"]
     job = make_job([location(path) for path in paths], **options)
     files = [file for file in (repair, write_rig) if file is not None]
     check_no_input(files, (*job.inputs, *job.read_files))

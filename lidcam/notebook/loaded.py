@@ -27,6 +27,7 @@ from lidcam.run.choice import UsedSettings
 from lidcam.run.effect import settings_sha256
 from lidcam.run.missing import MissingSensor, SilentSpan
 from lidcam.run.summary import (
+    CameraCorrection,
     DropCount,
     DropSummary,
     FrameSummary,
@@ -165,6 +166,7 @@ def _report(result: Result, path: Path, users: RoadUserTally) -> RunSummary:
             box_source=summary["box_source"],
             box_source_3d=summary["box_source_3d"],
             motion_topics=tuple(motion["topics"]),
+            corrections={name: CameraCorrection(**one) for name, one in summary["camera_corrections"].items()},
         ),
         timing=TimingSummary({}, math.nan, math.nan),
         settings=UsedSettings(result.metadata["settings"], "given"),

@@ -3,9 +3,11 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from lidcam.pipeline.core.rig import Rig
+import numpy as np
+
+from lidcam.pipeline.core.rig import CameraFit, Rig
 from lidcam.pipeline.core.text import brief
 from lidcam.pipeline.evaluation.road_users import RoadUsers
 from lidcam.readers.input_file import InputFile
@@ -121,6 +123,36 @@ class DropSummary:
 
 
 @dataclass(frozen=True, slots=True)
+class CameraCorrection:
+    """Errors of a camera by which a run corrected its recorded calibration, with their standard deviations.
+
+    Attributes:
+        turned_deg: Angle by which it was turned.
+        turned_sigma_deg: Standard deviation of its direction.
+        late_ms: Delay of its images against their stamps.
+        late_sigma_ms: Standard deviation of the delay.
+    """
+
+    turned_deg: float
+    turned_sigma_deg: float
+    late_ms: float
+    late_sigma_ms: float
+
+    @classmethod
+    def of(cls, fit: CameraFit) -> Self:
+        """That of a fit."""
+        values = np.array(fit.corrected)
+        turned = np.degrees([float(np.linalg.norm(values[:3])), fit.direction_sigma_rad])
+        late = 1e3 * np.array([values[6], fit.delay_sigma_s])
+        return cls(*(round(float(value), 3) for value in (*turned, *late)))
+
+
+def camera_corrections(rig: Rig) -> dict[str, CameraCorrection]:
+    """The corrections of the cameras of a rig that have one, by name."""
+    return {camera.name: CameraCorrection.of(camera.fit) for camera in rig.cameras if any(camera.fit.corrected)}
+
+
+@dataclass(frozen=True, slots=True)
 class SensorSummary:
     """The sensors, and the sources of boxes and motion."""
 
@@ -131,6 +163,7 @@ class SensorSummary:
     box_source: BoxSource  # Source of the 2D boxes
     box_source_3d: str  # Source of the lidars' 3D boxes: a name of `ENGINES`
     motion_topics: tuple[str, ...]  # Topics of the motion of the site frame; empty where it stands still
+    corrections: Mapping[str, CameraCorrection]  # Corrections of cameras by the recording, by name
 
     __repr__ = brief
 
@@ -216,6 +249,7 @@ def summary_tree(report: RunSummary) -> dict[str, Any]:
         },
         "box_source": sensors.box_source,
         "box_source_3d": sensors.box_source_3d,
+        "camera_corrections": {name: asdict(one) for name, one in sensors.corrections.items()},
         "boxes3d_topics": [detector.topic for detector in sensors.rig.detectors],
         "motion": {
             "topics": list(sensors.motion_topics),

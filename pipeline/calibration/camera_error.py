@@ -13,6 +13,7 @@ track and `CLUSTER_S`.
 """
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -21,10 +22,11 @@ from lidcam.pipeline.calibration.pairs import TrackedPairs
 from lidcam.pipeline.core.arrays import F64, I64, Bools
 from lidcam.pipeline.core.detections import Boxes3D, Source
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
-from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.rig import HABIT_SIGMA, CameraFit, CameraSensor, EdgeHabits
 from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.fusion.projection import CameraArrays, project_edges, rounded_outline
 from lidcam.pipeline.fusion.refining.box_prior import box_prior
+from lidcam.pipeline.fusion.refining.edges import excess_slopes
 
 MIN_PAIRS = 20
 """Minimum number of pairs before a camera is judged."""
@@ -50,8 +52,20 @@ TRANSLATION_SIGMA = 0.04
 TIME_SIGMA_S = 0.15
 """Prior standard deviation of the time offset, seconds."""
 
-HABIT_SIGMA = 0.05
-"""Prior standard deviation of the excess of a detector's 2D boxes, as a share of their width and height."""
+HABIT_SIGMA_PX = 1.5
+"""Prior standard deviation of the excess at each edge that is the same for boxes of all sizes, pixels."""
+
+NOISE_FACTORS = np.sqrt(2.0) ** np.arange(7)
+"""Factors by which the noise of edges may exceed that of the settings."""
+
+NOISE_FACTOR_SIGMA = 0.7
+"""Prior standard deviation of the logarithm of such a factor."""
+
+NOISE_FREEDOM = 4.0
+"""Degrees of freedom of the t distribution by which the noise is judged: there are wrong matches."""
+
+NOISE_CORRELATION = 4.0
+"""Number of consecutive pairs of a track with the information of one."""
 
 HEIGHT_SIGMA = 0.07
 """Standard deviation of the height of a box, as a share of it."""
@@ -59,7 +73,7 @@ HEIGHT_SIGMA = 0.07
 GROUND_SIGMA = 0.02
 """Standard deviation of the z of a box's underside, as a share of its height."""
 
-MIN_SIGMAS = np.array([0.0015, 0.0015, 0.003, 0.02, 0.02, 0.02, 0.004])
+MIN_SIGMAS = np.array([0.0015, 0.0015, 0.006, 0.02, 0.02, 0.02, 0.004])
 """Errors that recordings without any error show (docs/rig.md): radians, shares of the object size, seconds."""
 
 STEPS = 4
@@ -79,10 +93,42 @@ class CameraError:
     # (7,) float64: rotation about x, y, z of its optical frame (radians) and translation along them (metres), so that
     # `motion(values) @ T_camera_site` is the pose that fits; delay of the images against their stamps, seconds
     values: F64
-    sigmas: F64  # (7,) float64, standard deviations; 0 for values that were not free
+    covariance: F64  # (7, 7) float64
+    habit_sigma: float  # Standard deviation of the largest of the shares among them
+    habits: EdgeHabits  # Excess of the 2D boxes over the outlines of objects
+    noise: tuple[float, float]  # Standard deviation of edges: pixels, and a share of the root of the area of the 2D box
     size_m: float  # Object size: median of the geometric mean of length and width, metres
     pairs: int  # Number of pairs used
     tracks: int  # Number of tracks they belong to
+
+    @property
+    def sigmas(self) -> F64:
+        """(7,) standard deviations; 0 for values that were not free."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def applied_to(self, camera: CameraSensor) -> CameraSensor:
+        """The camera without the estimated error, as far as it exceeds its uncertainty.
+
+        The error is shrunk by the James-Stein estimate of its share that is not noise (James and Stein, Estimation with
+        quadratic loss, 1961): what is no larger than its uncertainty is left alone. The fit is from the camera's pose
+        as recorded.
+        """
+        free = self.sigmas > 0
+        surprise = self.values[free] @ np.linalg.solve(self.covariance[np.ix_(free, free)], self.values[free])
+        values = self.values * max(0.0, 1 - free.sum() / max(float(surprise), 1e-12))
+        pose = replace(camera.T_camera_site, matrix=motion(values) @ camera.T_camera_site.matrix)
+        direction_sigma_rad = float(max(self.sigmas[:2].max(), MIN_SIGMAS[0]))
+        fit = CameraFit(
+            tuple(values.tolist()),
+            direction_sigma_rad,
+            float(self.sigmas[6]),
+            self.habits,
+            self.habit_sigma,
+            self.noise,
+        )
+        # Stamps are later than the images by the offset: images taken later than assumed have a smaller one.
+        offset_ns = camera.time_offset_ns - round(float(values[6]) * 1e9)
+        return replace(camera, T_camera_site=pose, time_offset_ns=offset_ns, fit=fit)
 
     @property
     def units(self) -> F64:
@@ -107,8 +153,10 @@ def camera_error(
     fit = _Fit(pairs, camera, lidar_xy, config)
     is_free = np.ones(7, np.bool_) if free is None else free
     fit.prior[:7][~is_free] = FIXED_INFORMATION
-    values = np.zeros(10)
+    values = np.zeros(fit.count)
     for step in range(STEPS):
+        if step == STEPS // 2:
+            fit.learn_noise(values)
         residuals, slopes, valid = fit.whitened(values)
         squared = (residuals * residuals).mean(1)
         weights = np.minimum(1.0, HUBER / np.sqrt(np.maximum(squared, 1e-12)))
@@ -123,10 +171,12 @@ def camera_error(
     spans = (pairs.stamps_ns - pairs.stamps_ns.min()) // int(CLUSTER_S * 1e9)
     covariance = cluster_covariance(scores, np.stack([pairs.tracks, spans], 1)[used], normal, fit.prior)
     min_sigmas = MIN_SIGMAS * np.array([1, 1, 1, fit.size_m, fit.size_m, fit.size_m, 1])
-    sigmas = np.hypot(np.sqrt(np.diag(covariance)[:7]), min_sigmas)
     return CameraError(
         values=values[:7] * is_free,
-        sigmas=sigmas * is_free,
+        covariance=np.outer(is_free, is_free) * (covariance[:7, :7] + np.diag(min_sigmas**2)),
+        habit_sigma=float(np.sqrt(np.diag(covariance)[7:10].max())),
+        habits=EdgeHabits(*values[7:].tolist()),
+        noise=(float(fit.pixel_sigma_px), float(fit.outline_sigma)),
         size_m=fit.size_m,
         pairs=int(used.sum()),
         tracks=len(np.unique(pairs.tracks[used])),
@@ -147,15 +197,14 @@ class _Fit:
         self._T_image_site = camera.T_camera_site.inverse().matrix @ pairs.T_camera_site
         self._outline = rounded_outline(pairs.sizes, bent=self._cameras.lenses.bends)
         extent = np.maximum(pairs.xyxy[:, 2:] - pairs.xyxy[:, :2], 1.0)
-        outline_px = config.outline_sigma * np.sqrt(extent.prod(1))
-        self._noise_px2 = config.pixel_sigma_px**2 + outline_px**2
-        self._habits = np.zeros((n, 4, 3))  # outwards: left and right, top, bottom
-        self._habits[:, 0, 0], self._habits[:, 2, 0] = -extent[:, 0], extent[:, 0]
-        self._habits[:, 1, 1], self._habits[:, 3, 2] = -extent[:, 1], extent[:, 1]
+        self._area_px2 = extent.prod(1)
+        self.pixel_sigma_px, self.outline_sigma = config.pixel_sigma_px, config.outline_sigma
+        self._habits = excess_slopes(extent)
         self._box_covariances = self._covariances_of_boxes(lidar_xy, config)
         self.size_m = float(np.median(np.sqrt(pairs.sizes[:, :2].prod(1))))
-        sigmas = [ROTATION_SIGMA_RAD] * 3 + [TRANSLATION_SIGMA * self.size_m] * 3 + [TIME_SIGMA_S] + [HABIT_SIGMA] * 3
-        self.prior = 1 / np.array(sigmas) ** 2
+        of_pose = [ROTATION_SIGMA_RAD] * 3 + [TRANSLATION_SIGMA * self.size_m] * 3 + [TIME_SIGMA_S]
+        self.prior = 1 / np.array([*of_pose, *[HABIT_SIGMA] * 3, HABIT_SIGMA_PX]) ** 2
+        self.count = len(self.prior)
 
     def _covariances_of_boxes(self, lidar_xy: F64, config: FuseConfig) -> F64:
         """(P, 7, 7) covariances of the boxes over `projection.PARAMETERS`."""
@@ -185,10 +234,10 @@ class _Fit:
         """Whitened residuals of the 2D boxes.
 
         Args:
-            values: (10,) errors of the camera, and habits.
+            values: Errors of the camera (7,), and habits (4,).
 
         Returns:
-            (P, 4) residuals of independent combinations of the edges, in standard deviations; (P, 4, 10) derivatives of
+            (P, 4) residuals of independent combinations of the edges, in standard deviations; (P, 4, 11) derivatives of
             their predictions; (P,) whether the object is wholly in front of the camera.
         """
         edges, by_box, valid = self._predicted(values[:7])
@@ -199,10 +248,26 @@ class _Fit:
             shifted[k] += step
             slopes[:, :, k] = (self._predicted(shifted)[0] - edges) / step
         covariances = by_box @ self._box_covariances @ by_box.swapaxes(1, 2)
-        covariances[:, range(4), range(4)] += self._noise_px2[:, None]
-        root = np.linalg.cholesky(covariances)
+        noise_px2 = self.pixel_sigma_px**2 + self.outline_sigma**2 * self._area_px2
+        root = np.linalg.cholesky(covariances + noise_px2[:, None, None] * np.eye(4))
         residuals = np.linalg.solve(root, (self._pairs.xyxy - predicted)[..., None])[..., 0]
-        return residuals, np.linalg.solve(root, slopes), valid
+        return np.asarray(residuals, np.float64), np.linalg.solve(root, slopes), valid
+
+    def learn_noise(self, values: F64) -> None:
+        """Set the noise of edges to the likeliest, by the residuals at `values` and the prior of the factors."""
+        edges, by_box, valid = self._predicted(values[:7])
+        residuals = (self._pairs.xyxy - edges - self._habits @ values[7:])[valid]
+        of_boxes = (by_box @ self._box_covariances @ by_box.swapaxes(1, 2))[valid]
+        best, pixel_px, outline = -np.inf, self.pixel_sigma_px, self.outline_sigma
+        for one, other in product(NOISE_FACTORS, NOISE_FACTORS):
+            noise_px2 = (one * pixel_px) ** 2 + (other * outline) ** 2 * self._area_px2[valid]
+            covariances = of_boxes + noise_px2[:, None, None] * np.eye(4)
+            squared = (residuals * np.linalg.solve(covariances, residuals[..., None])[..., 0]).sum(1)
+            spread = np.log1p(squared / NOISE_FREEDOM) * (NOISE_FREEDOM + 4) / 2
+            likelihood = -(np.linalg.slogdet(covariances)[1] / 2 + spread).sum() / NOISE_CORRELATION
+            likelihood -= (np.log(one) ** 2 + np.log(other) ** 2) / NOISE_FACTOR_SIGMA**2 / 2
+            if likelihood > best:
+                best, self.pixel_sigma_px, self.outline_sigma = likelihood, one * pixel_px, other * outline
 
     def _T_later_site(self, delay_s: float) -> F64:
         """(P, 4, 4) from the site at the frame's time to the site as it stands `delay_s` after the image's stamp."""

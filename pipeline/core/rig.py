@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,12 @@ BOXES_SUFFIX = " (boxes)"
 """Follows a camera's name where its recorded boxes are meant."""
 
 
+DIRECTION_SIGMA_RAD = np.deg2rad(0.15)
+"""Standard deviation of the direction of a camera whose calibration nothing has checked, radians."""
+
+HABIT_SIGMA = 0.05
+"""Standard deviation of the excess of 2D boxes over the outlines of objects, as a share of width and height."""
+
 MAX_LIDARS = 255
 """Each point keeps the row of its lidar in one byte."""
 
@@ -36,6 +42,33 @@ class LidarSensor:
     __repr__ = brief
 
 
+class EdgeHabits(NamedTuple):
+    """Excess of a detector's 2D boxes over the outlines of objects."""
+
+    sides: float  # At left and right, as a share of the width
+    top: float  # As a share of the height
+    bottom: float
+    all_px: float  # At each edge, pixels
+
+
+NO_HABITS = EdgeHabits(0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFit:
+    """Errors of a camera and of its 2D boxes, as far as a recording shows them."""
+
+    # Errors by which the recorded calibration was corrected: rotation about x, y, z of the optical frame, radians;
+    # translation, metres; delay of the images against their stamps, seconds (`pipeline.calibration.camera_error`)
+    corrected: tuple[float, ...] = (0.0,) * 7
+    direction_sigma_rad: float = DIRECTION_SIGMA_RAD  # Standard deviation of the direction after that, radians
+    delay_sigma_s: float = 0.0  # Standard deviation of the delay after that, seconds; 0 where nothing has checked it
+    habits: EdgeHabits = NO_HABITS
+    habit_sigma: float = HABIT_SIGMA  # Standard deviation of the excess after that, as a share of width and height
+    # Standard deviation of the edges of its 2D boxes: pixels, and a share of the root of their area; None: the settings
+    noise: tuple[float, float] | None = None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraSensor:
     """One camera of the rig."""
@@ -46,6 +79,7 @@ class CameraSensor:
     model: CameraModel  # Intrinsics
     T_camera_site: Transform  # Extrinsics; its `dst` is the camera's optical frame
     time_offset_ns: int = 0  # Recorded stamp minus time of measurement, of images and boxes
+    fit: CameraFit = CameraFit()
 
     __repr__ = brief
 

@@ -18,8 +18,8 @@ from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.fusion.projection import rounded_outline
 from lidcam.pipeline.fusion.refining.box_prior import box_prior
-from lidcam.pipeline.fusion.refining.edges import doubted_edges, measured_edges, moved_by_borders
-from lidcam.pipeline.fusion.refining.refinement import better_turned, predicted_edges, refine_boxes, with_turned
+from lidcam.pipeline.fusion.refining.edges import measured_edges, moved_by_borders
+from lidcam.pipeline.fusion.refining.refinement import are_in_view, better_turned, refine_boxes, with_turned
 
 
 class Refine:
@@ -42,21 +42,19 @@ class Refine:
         if not self._config.refine:
             return hypotheses
         edges = measured_edges(hypotheses, boxes2d, views, self._config)
-        count = len(hypotheses.boxes)
         boxes, edges, turned_of = with_turned(hypotheses.boxes, edges)
         outline = rounded_outline(boxes.sizes[edges.rows], bent=edges.cameras.lenses.bends)
-        predicted, jacobian, in_view = predicted_edges(boxes, edges, outline)
+        in_view = are_in_view(boxes, edges, outline)
         if not in_view.any():
             return hypotheses
         if not in_view.all():
             edges, outline = edges.select(in_view), outline.select(in_view)
-            predicted, jacobian = predicted[in_view], jacobian[in_view]
-        is_own, is_first = edges.rows < count, first_of_runs(edges.rows)
+        is_first = first_of_runs(edges.rows)
         objects = edges.rows[is_first]
         chosen, edges = boxes.select(objects), replace(edges, rows=np.cumsum(is_first) - 1)
         prior = box_prior(chosen, self._lidar_xy, self._config)
         cut_px = moved_by_borders(chosen, edges.rows, edges.cameras)
-        edges = doubted_edges(edges, cut_px, predicted, jacobian, prior.covariances[:, :3, :3], is_own)
+        edges = replace(edges, sigma_px=np.hypot(edges.sigma_px, cut_px))
         found = refine_boxes(chosen, prior, edges, outline)
         taken = found.accepted & better_turned(objects, found, turned_of)
         rows = turned_of[objects[taken]]

@@ -274,7 +274,7 @@ def _solved(
     )
     cells.are_seen[cell_of_hit], cells.later_s[cell_of_hit] = True, hits.sightings.later_s
     cells.boxes[cell_of_hit], cells.noise[cell_of_hit] = boxes, noise
-    motions = smoothed(courses, cells, scene.stamps_s)
+    motions = smoothed(courses, cells, scene.stamps_s, scene.sites_xy)
     return _Pass(courses, cells, cell_of_hit, at_centers(motions, np.repeat(courses.rear_m, courses.counts)))
 
 

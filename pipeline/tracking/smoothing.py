@@ -26,6 +26,8 @@ STANDING_SPEED_SIGMA = 0.002
 
 STANDING_TURN_SIGMA_RAD_S = 0.002
 """Standard deviation of the yaw rate of a standing object, rad/s."""
+DRIFT_SIGMA_M = 0.05
+"""Standard deviation of the error of the rig's motion over a metre of it, metres; it grows as in a random walk."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,8 +75,16 @@ class Cells(Table):
     standing: Bools  # (N,) bool, whether the track is known to stand
 
 
-def smoothed(courses: Courses, cells: Cells, stamps_s: F64) -> Motions:
-    """The states of all cells of tracks, with positions of the rear axles; `stamps_s` (F,) are times of the frames."""
+def smoothed(courses: Courses, cells: Cells, stamps_s: F64, sites_xy: F64) -> Motions:
+    """The states of all cells of tracks, with positions of the rear axles.
+
+    Args:
+        courses: T tracks.
+        cells: Their measurements.
+        stamps_s: (F,) times of the frames.
+        sites_xy: (F, 2) positions of the rig, metres in the fixed frame, which drifts as it moves.
+    """
+    steps_m = np.linalg.norm(np.diff(sites_xy, axis=0, prepend=sites_xy[:1]), axis=1)
     count = len(cells)
     filtered, prior = (Motions(np.empty((count, STATE)), np.empty((count, STATE, STATE))) for _ in range(2))
     slopes = np.empty((count, STATE, STATE))
@@ -92,6 +102,7 @@ def smoothed(courses: Courses, cells: Cells, stamps_s: F64) -> Motions:
             noise = courses.noise[tracks[continues]] * np.where(stands, STANDING_NOISE, 1.0)[:, None]
             after_s = stamps_s[frame] - stamps_s[frame - 1]
             moved, slopes[before] = predicted(filtered.select(before), after_s, noise)
+            moved.covariances[:, [0, 1], [0, 1]] += DRIFT_SIGMA_M**2 * steps_m[frame]
             now.states[continues], now.covariances[continues] = moved.states, moved.covariances
         prior.states[at], prior.covariances[at] = now.states, now.covariances
         now = _filtered(now, courses, cells, tracks, at)

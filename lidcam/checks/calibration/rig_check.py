@@ -6,9 +6,9 @@ lidar is judged by the surfaces that another lidar sees, too. An error is report
 to matter: recordings without any error show a little of everything.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 from typing import Generic, NamedTuple, TypeVar
 
@@ -46,6 +46,12 @@ MIN_SIGMAS = 4.0
 MIN_CAMERA_ERROR = np.array([np.radians(0.3), np.radians(0.3), np.radians(0.5), 0.07, 0.07, 0.07, 0.015])
 """Minimum size of a reported camera error: radians, shares of the object size (0.2 m among cars), seconds."""
 
+MIN_HALF_SIGMAS = 3.0
+"""Minimum size of a wrong place in either half of a run, in standard deviations."""
+
+PLACE = slice(3, 6)
+"""Values of a camera's place: they look much like habits of its detector."""
+
 MANY_PAIRS = 60
 """Minimum number of pairs for these limits; below, habits of the 2D boxes look like errors."""
 
@@ -62,6 +68,8 @@ MOVING_MARGIN = 1.3
 """Scale of the length and width of a moving box; the points in it are left out."""
 
 REMEDY = "see what `lidcam inspect --check` says of it, or calibrate it again"
+
+CORRECTED_REMEDY = f"this run corrects direction and clock; {REMEDY}"
 
 SCALES = np.array([*np.degrees([1.0, 1.0, 1.0]), 1.0, 1.0, 1.0, 1000.0])
 """Degrees, metres and milliseconds from radians, metres and seconds."""
@@ -105,7 +113,7 @@ class CameraVerdict(NamedTuple):
             side = positive if values[row] > 0 else negative
             parts.append(f"{verb} {_figure(values[row], sigmas[row], unit)} {side}")
         finding = f"by {self.error.pairs} boxes of {self.error.tracks} objects it {', and '.join(parts)}"
-        return RunWarning(self.camera.name, finding, REMEDY)
+        return RunWarning(self.camera.name, finding, CORRECTED_REMEDY if any(self.camera.fit.corrected) else REMEDY)
 
     @property
     def corrected(self) -> CameraSensor:
@@ -210,13 +218,18 @@ class RigCheck:
         if coarse is not None:
             return CameraVerdict(camera, *counts, None, none, coarse)
         lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in self._rig.lidars]).reshape(-1, 2)
-        error = camera_error(pairs, camera, lidar_xy, self._config.fuse)
+        estimate = partial(camera_error, camera=camera, lidar_xy=lidar_xy, config=self._config.fuse)
+        error = estimate(pairs)
         if error is None:
             return CameraVerdict(camera, *counts, None, none, None)
         min_error = MIN_CAMERA_ERROR * error.units * (1.0 if error.pairs >= MANY_PAIRS else FEW_PAIRS_FACTOR)
-        significant = _significant(error.values, error.sigmas, min_error)
+        corrected = np.array(camera.fit.corrected)
+        significant = _significant(corrected + error.values, error.sigmas, min_error)
+        if significant[PLACE].any():
+            significant[PLACE] &= _holds_in_halves(pairs, error, estimate)[PLACE]
         if significant.any():
-            error = camera_error(pairs, camera, lidar_xy, self._config.fuse, free=significant) or error
+            error = estimate(pairs, free=significant) or error
+        error = replace(error, values=corrected * (error.sigmas > 0) + error.values)
         return CameraVerdict(camera, *counts, error, significant, None)
 
     @cached_property
@@ -261,6 +274,16 @@ class RigCheck:
                 lidars[verdict.second.name] = verdict.corrected
         cameras = tuple(verdict.corrected for verdict in self.cameras)
         return replace(self._rig, cameras=cameras, lidars=tuple(lidars.values()))
+
+
+def _holds_in_halves(
+    pairs: TrackedPairs, error: CameraError, estimate: Callable[[TrackedPairs], CameraError | None]
+) -> Bools:
+    """(7,) whether an error is found in both halves of the run: a real one does not come and go."""
+    is_late = pairs.stamps_ns > np.median(pairs.stamps_ns)
+    halves = [half for half in map(estimate, (pairs.select(~is_late), pairs.select(is_late))) if half is not None]
+    found = [half.values * np.sign(error.values) > MIN_HALF_SIGMAS * half.sigmas for half in halves]
+    return np.asarray(np.logical_and.reduce(found) & (len(halves) == 2))
 
 
 def _significant(values: F64, sigmas: F64, min_error: F64) -> Bools:

@@ -28,7 +28,7 @@ from lidcam.readers.messages.tf import TF_TYPES
 from lidcam.readers.recording import Loss
 from lidcam.readers.rig.sensor_topics import CAMERA_INFO, SensorFault
 from lidcam.readers.streams.survey import TopicSurvey
-from lidcam.run.summary import RunSummary, loss_records
+from lidcam.run.summary import CameraCorrection, RunSummary, loss_records
 from lidcam.run.warning import RunWarning
 
 if TYPE_CHECKING:  # a run inspects nothing
@@ -176,6 +176,7 @@ def print_report(out: Console, report: RunSummary, *, times: bool = False) -> No
         "motion": _motion(report),
         "3D boxes": _boxes3d(report),
         "2D boxes": BOX_SOURCES[sensors.box_source],
+        **({"cameras": corrected} if (corrected := _corrected(sensors.corrections)) else {}),
         "confirmed": _confirmed(report),
         "geometry": ", ".join(f"{GEOMETRY[name]} {n}" for name, n in frames.sources.items()),
         **({"copied": copied} if copied else {}),
@@ -192,6 +193,15 @@ def print_report(out: Console, report: RunSummary, *, times: bool = False) -> No
         ]
         show_line(out, f"not used: {_listed(names)}")
     _print_warnings(out, report.warnings)
+
+
+def _corrected(corrections: Mapping[str, CameraCorrection]) -> str:
+    """The corrections of cameras in a line."""
+    return "; ".join(
+        f"{name} turned by {one.turned_deg:.2f} ± {one.turned_sigma_deg:.2f} degrees, images {abs(one.late_ms):.0f} ± "
+        f"{one.late_sigma_ms:.0f} ms {'late' if one.late_ms >= 0 else 'early'}: corrected"
+        for name, one in corrections.items()
+    )
 
 
 def _print_counts(out: Console, what: str, counts: Mapping[str, int]) -> None:

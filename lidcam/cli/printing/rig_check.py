@@ -8,6 +8,7 @@ from rich.console import Console
 from lidcam.checks.calibration.rig_check import SCALES, RigCheck
 from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.tables import ColumnsTable
+from lidcam.pipeline.calibration.camera_error import MIN_PAIRS, MIN_TRACKS
 from lidcam.pipeline.core.arrays import F64, Bools
 
 VALUES = ("pitch_deg", "yaw_deg", "roll_deg", "x_m", "y_m", "z_m", "time_ms")
@@ -40,6 +41,13 @@ def print_check(out: Console, check: RigCheck) -> None:
         if table.row_count:
             out.print()
             show_table(out, table)
+    if any(one.error is None and one.coarse is None for one in check.cameras):
+        show_line(
+            out,
+            f"{NOT_JUDGED}: fewer than {MIN_PAIRS} pairs of a 2D box and a tracked box of the lidars, or fewer than "
+            f"{MIN_TRACKS} tracks; 2D boxes are recorded or come from --model-2d",
+            "dim",
+        )
     for warning in check.warnings:
         show_line(out, f"warning: {warning}", "yellow")
 

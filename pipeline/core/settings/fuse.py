@@ -1,5 +1,7 @@
 """Settings of fusion."""
 
+from typing import Literal
+
 from lidcam.pipeline.core.settings.model import NotNegative, Positive, SettingsModel, Share
 
 
@@ -15,6 +17,8 @@ class FuseConfig(SettingsModel):
         unknown: Whether what the lidars see well, and what is probably of no class, is reported as an object of class
             `unknown`: cargo on the road, animals, but also bushes, poles and walls up to the size of a bus. Its score
             grows with its points. `/lidar_camera_fused` and `lidcam evaluate` leave such objects out.
+        calibration: `auto` corrects direction and clock of each camera by the recording itself, from boxes of lidars
+            and 2D boxes in frames spread over it; `recorded` takes both as they were recorded.
         refine: Fit the boxes to the 2D boxes that are matched with them. Off, they stay as the lidars gave them.
         pixel_sigma_px: Standard deviation of the edges of 2D boxes that match, pixels. The smaller it is, the more the
             cameras decide.
@@ -27,6 +31,7 @@ class FuseConfig(SettingsModel):
     min_score: Share = 0.5
     camera_recall: Share | None = None
     unknown: bool = False
+    calibration: Literal["auto", "recorded"] = "auto"
     refine: bool = True
     pixel_sigma_px: Positive = 1.5
     outline_sigma: NotNegative = 0.04

@@ -2,16 +2,15 @@
 
 Edges moved by something other than the object have larger errors. The border of an image moves edges that it does not
 cut: the 2D box of a bus that reaches below the image ends on the left where its side leaves the image, not at its rear.
-Occluders move edges inward. And a common shift of most 2D boxes of an image comes from a wrong calibration, and would
-draw every object aside.
+Occluders move edges inward, by any amount. And all edges in an image share the error of the camera's direction.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Bools, Table
+from lidcam.pipeline.core.arrays import F64, I64, Table
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses
 from lidcam.pipeline.core.geometry.box_edges import BOX_EDGES
 from lidcam.pipeline.core.geometry.boxes import box_corners
@@ -19,14 +18,11 @@ from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.fusion.projection import CameraArrays, camera_arrays
 
-MIN_INWARD_SIGMAS = 2.5
-"""Minimum inward offset of an edge, in standard deviations, before it may be the edge of an occluder."""
+HIDDEN_SHARE = 0.15
+"""Probability that something without a box hides an edge."""
 
-MIN_SHIFT_SIGMAS = 3.0
-"""Minimum common shift, in standard deviations, that is not chance."""
-
-MEDIAN_SPREAD = 1.2533
-"""Standard deviation of a median, as a multiple of that of a mean."""
+MAX_HIDDEN_SHARE = 0.9
+"""Maximum probability that an edge is hidden."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,9 +33,21 @@ class MeasuredEdges(Table):
     camera_rows: I64  # (P,) int64 number of the camera, in the order of the views
     cameras: CameraArrays  # P cameras
     xyxy: F64  # (P, 4) float64 left, top, right, bottom of the 2D box, clipped to the image, pixels
-    sigma_px: F64  # (P, 4) float64 standard deviation of each edge
-    hidden_px: F64  # (P, 4) float64 maximum inward displacement of each edge by occluders
+    sigma_px: F64  # (P, 4) float64 standard deviation of each edge by itself
+    # (P, 2) float64 standard deviations of what opposite edges share, left and right, and top and bottom, pixels: the
+    # shift of the whole image, and the excess of 2D boxes outwards
+    shift_px: F64
+    excess_px: F64
+    # (P, 4) float64 probability density of an edge that an occluder displaces inward, by up to the extent of the box,
+    # over that of the true edge at its mean, both times their prior probabilities
+    hidden_odds: F64
     later_s: F64  # (P,) float64 time of the image after that of the 3D box, seconds
+
+    @property
+    def shared_px2(self) -> tuple[F64, F64]:
+        """(P, 1, 2) shared variance of each edge, and covariance of opposite edges, pixels^2."""
+        shift, excess = self.shift_px[:, None] ** 2, self.excess_px[:, None] ** 2
+        return shift + excess, shift - excess
 
 
 def measured_edges(
@@ -59,13 +67,32 @@ def measured_edges(
     xyxy = np.concatenate([np.zeros((0, 4)), *(found.xyxy[matches.pairs[:, 1]] for matches, found in matched)])[order]
     hidden = np.concatenate([np.zeros(0), *(matches.hidden[matches.pairs[:, 0]] for matches, _ in matched)])[order]
     cameras = camera_arrays(tuple(views.values())).select(numbers)
+    fits = [view.fit for view in views.values()]
     xyxy = xyxy.clip(0.0, cameras.limits)
     extent = np.maximum(xyxy[:, 2:] - xyxy[:, :2], 1.0)
-    outline_px = config.outline_sigma * np.sqrt(extent[:, :1] * extent[:, 1:])
-    sigma_px = np.repeat(np.hypot(config.pixel_sigma_px, outline_px), 4, axis=1)
-    hidden_px = hidden[:, None] * np.concatenate([extent, extent], 1)
+    sides = np.concatenate([extent, extent], 1)
+    default = config.pixel_sigma_px, config.outline_sigma
+    pixel_px, outline = np.array([fit.noise or default for fit in fits]).reshape(-1, 2)[numbers].T
+    sigma_px = np.repeat(np.hypot(pixel_px, outline * np.sqrt(extent.prod(1)))[:, None], 4, axis=1)
+    habits = np.array([fit.habits for fit in fits]).reshape(-1, 4)[numbers]
+    is_inner = (xyxy > 0) & (xyxy < cameras.limits)
+    xyxy = xyxy - is_inner * (excess_slopes(extent) @ habits[..., None])[..., 0]
+    direction = np.array([fit.direction_sigma_rad for fit in fits])[numbers]
+    shift_px = direction[:, None] * cameras.lenses.K[:, [0, 1], [0, 1]]
+    excess_px = extent * np.array([fit.habit_sigma for fit in fits])[numbers, None]
+    is_hidden = (hidden + HIDDEN_SHARE).clip(max=MAX_HIDDEN_SHARE)[:, None]
+    hidden_odds = is_hidden / (1 - is_hidden) * np.sqrt(2 * np.pi) * sigma_px / sides
     later_s = (stamps_ns - hypotheses.boxes.measured_ns[rows]) * 1e-9
-    return MeasuredEdges(rows, numbers, cameras, xyxy, sigma_px, hidden_px, later_s)
+    return MeasuredEdges(rows, numbers, cameras, xyxy, sigma_px, shift_px, excess_px, hidden_odds, later_s)
+
+
+def excess_slopes(extent: F64) -> F64:
+    """(P, 4, 4) derivatives of left, top, right, bottom of 2D boxes (width, height: (P, 2)) by `EdgeHabits`."""
+    slopes = np.zeros((len(extent), 4, 4))
+    slopes[:, 0, 0], slopes[:, 2, 0] = -extent[:, 0], extent[:, 0]
+    slopes[:, 1, 1], slopes[:, 3, 2] = -extent[:, 1], extent[:, 1]
+    slopes[..., 3] = -1.0, -1.0, 1.0, 1.0
+    return slopes
 
 
 def moved_by_borders(boxes: Boxes3D, rows: I64, cameras: CameraArrays) -> F64:
@@ -99,56 +126,3 @@ def moved_by_borders(boxes: Boxes3D, rows: I64, cameras: CameraArrays) -> F64:
     inside = np.concatenate([np.minimum(low, whole_high) - whole_low, whole_high - np.maximum(high, whole_low)])
     moved[beyond] = inside.T.clip(0.0)
     return moved
-
-
-def doubted_edges(
-    edges: MeasuredEdges, cut_px: F64, predicted: F64, jacobian: F64, covariances: F64, is_own: Bools
-) -> MeasuredEdges:
-    """The edges with additional noise where something other than the box moves them.
-
-    These are edges cut by the border of the image, inward ones of partly hidden objects, and all edges of a camera
-    with a common shift.
-
-    Args:
-        edges: P pairs.
-        cut_px: (P, 4) from `moved_by_borders`.
-        predicted: (P, 4) edges of the projected boxes, pixels.
-        jacobian: (P, 4, 3) derivatives of these by x, y and yaw.
-        covariances: (N, 3, 3) of the boxes over these.
-        is_own: (P,) pairs of boxes that are not turned, which define the common shifts.
-    """
-    sigma_px, residuals, of_box = np.hypot(edges.sigma_px, cut_px), edges.xyxy - predicted, covariances[edges.rows]
-    by_box = (jacobian @ of_box * jacobian).sum(2)
-    is_inside = residuals * [1, 1, -1, -1] > MIN_INWARD_SIGMAS * np.sqrt(by_box + sigma_px**2)
-    sigma_px = np.hypot(sigma_px, np.where(is_inside, edges.hidden_px, 0.0))
-    slopes = (jacobian[:, :2] + jacobian[:, 2:]) / 2
-    variances = (slopes @ of_box * slopes).sum(2) + (sigma_px[:, :2] ** 2 + sigma_px[:, 2:] ** 2) / 4
-    whole = np.flatnonzero(is_own & ((edges.xyxy > 0) & (edges.xyxy < edges.cameras.limits)).all(1))
-    offsets = (residuals[whole, :2] + residuals[whole, 2:]) / 2
-    count = int(edges.camera_rows.max(initial=-1)) + 1
-    shifts = camera_shifts(edges.camera_rows[whole], offsets, variances[whole], count=count)
-    return replace(edges, sigma_px=np.hypot(sigma_px, np.concatenate([shifts, shifts], 1)[edges.camera_rows]))
-
-
-def camera_shifts(camera_rows: I64, residuals_px: F64, variances_px2: F64, *, count: int) -> F64:
-    """(C, 2) common shift of the 2D boxes of each camera to the right and down, pixels; 0 where it may be chance.
-
-    Args:
-        camera_rows: (P,) row of the camera of each pair.
-        residuals_px: (P, 2) centre of each 2D box less that of the projected box.
-        variances_px2: (P, 2) expected variances of the residuals.
-        count: Number of cameras.
-    """
-    shifts, both = np.zeros((count, 2)), np.concatenate([residuals_px, variances_px2], 1)
-    for camera in set(camera_rows.tolist()):
-        pairs = (camera_rows == camera).nonzero()[0]
-        shift, variance = _median(both[pairs]).reshape(2, 2)
-        min_shift = MIN_SHIFT_SIGMAS * MEDIAN_SPREAD * np.sqrt(variance / len(pairs))
-        shifts[camera] = np.where(np.abs(shift) > min_shift, shift, 0.0)
-    return shifts
-
-
-def _median(values: F64) -> F64:
-    """The median of each column; `np.median` takes ten times as long for few rows."""
-    ordered = np.sort(values, axis=0)
-    return np.asarray((ordered[(len(values) - 1) // 2] + ordered[len(values) // 2]) / 2)

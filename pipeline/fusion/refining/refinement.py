@@ -32,6 +32,9 @@ YAW_SIGMAS = np.linspace(-2.5, 2.5, 5)
 CAUCHY_SCALE = 3.0
 """Residual with half the weight, in standard deviations."""
 
+MIN_WEIGHT = 1e-6
+"""Minimum weight of an edge."""
+
 BORDER_SIGMAS = 3.0
 """Distance of an edge from the border of the image within which it may be the border, in standard deviations."""
 
@@ -128,17 +131,55 @@ class _Problem(NamedTuple):
         edges = self.edges
         limits, sigma_px = edges.cameras.limits[:, None], edges.sigma_px[:, None]
         clipped = np.where(self.near, np.minimum(np.maximum(xyxy, 0.0), limits), xyxy)
-        residual = (edges.xyxy[:, None] - clipped) / sigma_px
-        squared = (residual / CAUCHY_SCALE) ** 2
-        weights = np.where(clipped == xyxy, 1 / (1 + squared), 0.0)[..., None]
+        is_free = clipped == xyxy
+        residual = edges.xyxy[:, None] - clipped
         by_speed = jacobian[..., :2] @ self.turn_of_pair[:, None] * edges.later_s[:, None, None, None]
-        slopes = np.concatenate([jacobian[..., [0, 1, 3, 4]], by_speed], 3) / sigma_px[..., None]
-        weighted = (slopes * weights).swapaxes(2, 3)
+        slopes = np.concatenate([jacobian[..., [0, 1, 3, 4]], by_speed], 3)
+        # What the edges share by the weights of whole residuals, then the weights of the rest.
+        shared, _ = self._shared(is_free * self._weights(residual / sigma_px)[0], residual)
+        weights, costs = self._weights((residual - shared) / sigma_px)
+        weights = is_free * weights
+        _, shared_cost = self._shared(weights, residual)
+        weighted = self._over_variances(weights, slopes)
         prior_pull = states @ self.prior.information
-        normal = np.add.reduceat(weighted @ slopes, self.starts) + self.known
-        right = np.add.reduceat((weighted @ residual[..., None])[..., 0], self.starts) - prior_pull[..., _REST]
-        cost = np.add.reduceat(CAUCHY_SCALE**2 * np.log1p(squared).sum(2), self.starts) + (prior_pull * states).sum(2)
+        normal = np.add.reduceat(weighted.swapaxes(2, 3) @ slopes, self.starts) + self.known
+        right = (weighted * residual[..., None]).sum(2)
+        right = np.add.reduceat(right, self.starts) - prior_pull[..., _REST]
+        cost = np.add.reduceat(costs.sum(2) + shared_cost, self.starts) + (prior_pull * states).sum(2)
         return normal, right, cost
+
+    def _over_variances(self, weights: F64, values: F64) -> F64:
+        """Values (P, K, 4, ...) of the edges times the inverse of their covariances: own noise, and what they share."""
+        own = self.edges.sigma_px[:, None] ** 2 / np.maximum(weights, MIN_WEIGHT)
+        same, across = self.edges.shared_px2
+        first, second = own[..., :2] + same, own[..., 2:] + same
+        determinant = first * second - across**2
+        more = (1,) * (values.ndim - 3)
+        own_first, own_second, both = (
+            part.reshape(*part.shape, *more)
+            for part in (second / determinant, first / determinant, -across / determinant)
+        )
+        low, high = values[:, :, :2], values[:, :, 2:]
+        return np.concatenate([own_first * low + both * high, both * low + own_second * high], 2)
+
+    def _shared(self, weights: F64, residual: F64) -> tuple[F64, F64]:
+        """(P, K, 4) the likeliest shared part of residuals in pixels, and (P, K) its squared size in deviations."""
+        same, across = self.edges.shared_px2
+        over = self._over_variances(weights, residual)
+        low, high = over[..., :2], over[..., 2:]
+        shared = np.concatenate([same * low + across * high, across * low + same * high], 2)
+        return shared, (over * shared).sum(2)
+
+    def _weights(self, residual: F64) -> tuple[F64, F64]:
+        """Weights of the edges with residuals (P, K, 4), and twice their negative log likelihoods."""
+        squared = (residual / CAUCHY_SCALE) ** 2
+        cost = CAUCHY_SCALE**2 * np.log1p(squared)
+        inward = residual * [1.0, 1.0, -1.0, -1.0] > 0
+        # Against an edge that something hides, which may be anywhere within.
+        hides = np.where(inward, self.edges.hidden_odds[:, None], 0.0)
+        likelihood = np.exp(-cost / 2)
+        total = likelihood + hides
+        return likelihood / (total * (1 + squared)), -2 * np.log(total / (1 + hides))
 
     def averaged(self, means: F64, covariances: F64, *, steps: int) -> tuple[F64, F64]:
         """Means (N, 7) and covariances (N, 7, 7), by `steps` Gauss-Newton steps from several headings around `means`.
@@ -184,11 +225,10 @@ class _Problem(NamedTuple):
         return later_s, moved
 
 
-def predicted_edges(boxes: Boxes3D, edges: MeasuredEdges, outline: Outline) -> tuple[F64, F64, Bools]:
-    """(P, 4) projected edges of the boxes, pixels; (P, 4, 3) derivatives by x, y and yaw; (P,) whether valid."""
+def are_in_view(boxes: Boxes3D, edges: MeasuredEdges, outline: Outline) -> Bools:
+    """(P,) whether the box of each pair is wholly in front of its camera."""
     rows = edges.rows
-    found = project_edges(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows], edges.cameras, outline)
-    return found.xyxy, found.jacobian[..., :3].copy(), found.valid
+    return project_edges(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows], edges.cameras, outline).valid
 
 
 def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline: Outline) -> RefinedBoxes:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lidcam.pipeline.tracking.smoothing import Cells, Courses, smoothed
+from lidcam.pipeline.tracking.smoothing import DRIFT_SIGMA_M, Cells, Courses, smoothed
 
 ACCELERATION, PLACE = 0.7, 1e-3
 NOISE = np.array([ACCELERATION, 1e-9, PLACE, 1e-9, 0.0])
@@ -30,9 +30,13 @@ def cells(xs: np.ndarray, are_seen: np.ndarray, sigma_m: float = 0.3) -> Cells:
     return Cells(are_seen, boxes, noise, np.zeros(n), np.zeros(n, np.bool_))
 
 
-def least_squares(xs: np.ndarray, are_seen: np.ndarray, stamps_s: np.ndarray, sigma_m: float = 0.3) -> np.ndarray:
+STANDS = np.zeros((10, 2))
+"""Positions of a rig that stands."""
+
+
+def least_squares(xs: np.ndarray, are_seen: np.ndarray, stamps_s: np.ndarray, step_m: float = 0.0) -> np.ndarray:
     """(N, 2) place and speed at all times together."""
-    n = len(xs)
+    n, sigma_m = len(xs), 0.3
     rows, right = [], []
     first = np.zeros((2, 2 * n))
     first[0, 0], first[1, 1] = 1.0, 0.5
@@ -40,7 +44,9 @@ def least_squares(xs: np.ndarray, are_seen: np.ndarray, stamps_s: np.ndarray, si
     right.append(np.array([0.0, 1.0]))
     for k in range(1, n):
         dt = stamps_s[k] - stamps_s[k - 1]
-        spread = ACCELERATION * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]) + np.diag([PLACE * dt, 0.0])
+        spread = ACCELERATION * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]) + np.diag(
+            [PLACE * dt + DRIFT_SIGMA_M**2 * step_m, 0.0]
+        )
         step = np.zeros((2, 2 * n))
         step[:, 2 * k : 2 * k + 2] = np.eye(2)
         step[:, 2 * k - 2 : 2 * k] = -np.array([[1, dt], [0, 1]])
@@ -54,23 +60,36 @@ def least_squares(xs: np.ndarray, are_seen: np.ndarray, stamps_s: np.ndarray, si
     return np.asarray(np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]).reshape(n, 2)
 
 
-@pytest.mark.parametrize("missing", [[], [0, 3, 4, 5], [9]])
-def test_it_is_the_least_squares_of_the_whole_track(missing: list[int]) -> None:
+@pytest.mark.parametrize(("missing", "step_m"), [([], 0.0), ([0, 3, 4, 5], 0.0), ([9], 2.0)])
+def test_it_is_the_least_squares_of_the_whole_track(missing: list[int], step_m: float) -> None:
     stamps_s = np.array([0.0, 0.1, 0.2, 0.35, 0.4, 0.5, 0.7, 0.8, 0.9, 1.0])
     xs = 2.0 * stamps_s + np.random.default_rng(3).normal(size=10) * 0.2
     are_seen = np.ones(10, np.bool_)
     are_seen[missing] = False
-    found = smoothed(course([0], [9]), cells(xs, are_seen), stamps_s)
-    np.testing.assert_allclose(found.states[:, [0, 3]], least_squares(xs, are_seen, stamps_s), atol=2e-3)
+    sites_xy = step_m * np.column_stack([np.arange(10.0), np.zeros(10)])
+    found = smoothed(course([0], [9]), cells(xs, are_seen), stamps_s, sites_xy)
+    np.testing.assert_allclose(found.states[:, [0, 3]], least_squares(xs, are_seen, stamps_s, step_m), atol=2e-3)
 
 
 def test_tracks_do_not_change_each_other() -> None:
     stamps_s = np.linspace(0.0, 0.7, 8)
     xs, seen = np.arange(6) * 0.2, np.ones(6, np.bool_)
-    alone = smoothed(course([2], [7]), cells(xs, seen), stamps_s)
-    both = smoothed(course([0, 2], [7, 7]), cells(np.concatenate([np.ones(8), xs]), np.ones(14, np.bool_)), stamps_s)
+    alone = smoothed(course([2], [7]), cells(xs, seen), stamps_s, STANDS)
+    both = smoothed(
+        course([0, 2], [7, 7]),
+        cells(np.concatenate([np.ones(8), xs]), np.ones(14, np.bool_)),
+        stamps_s,
+        STANDS,
+    )
     np.testing.assert_array_equal(both.states[8:], alone.states)
 
 
 def test_no_track_has_no_cells() -> None:
-    assert len(smoothed(course([], []), cells(np.zeros(0), np.zeros(0, np.bool_)), np.linspace(0.0, 1.0, 3))) == 0
+    assert (
+        len(
+            smoothed(
+                course([], []), cells(np.zeros(0), np.zeros(0, np.bool_)), np.linspace(0.0, 1.0, 3), np.zeros((3, 2))
+            )
+        )
+        == 0
+    )

@@ -3,37 +3,11 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from detections import boxes3d, forward_camera
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.fusion.projection import CameraArrays
-from lidcam.pipeline.fusion.refining.edges import MEDIAN_SPREAD, MIN_SHIFT_SIGMAS, camera_shifts, moved_by_borders
-
-
-@given(st.integers(0, 2**31), st.integers(0, 12), st.integers(1, 4))
-def test_shifts_are_the_medians_that_are_sure(seed: int, pairs: int, cameras: int) -> None:
-    random = np.random.default_rng(seed)
-    rows, off = random.integers(cameras, size=pairs), random.normal(5, 3, (pairs, 2))
-    variances = random.uniform(1, 20, (pairs, 2))
-    found = camera_shifts(rows, off, variances, count=cameras)
-    for camera in range(cameras):
-        own, expected = rows == camera, np.zeros(2)
-        if own.any():
-            shift = np.median(off[own], axis=0)
-            sigma = MEDIAN_SPREAD * np.sqrt(np.median(variances[own], axis=0) / own.sum())
-            expected = np.where(np.abs(shift) > MIN_SHIFT_SIGMAS * sigma, shift, 0.0)
-        np.testing.assert_allclose(found[camera], expected, rtol=1e-12)
-
-
-@pytest.mark.parametrize("count", [0, 3])
-def test_nothing_matched(count: int) -> None:
-    nothing = np.zeros((0, 2))
-    np.testing.assert_array_equal(
-        camera_shifts(np.zeros(0, np.int64), nothing, nothing, count=count), np.zeros((count, 2))
-    )
-
+from lidcam.pipeline.fusion.refining.edges import moved_by_borders
 
 Box = tuple[float, float, float, float, float, float, float]
 

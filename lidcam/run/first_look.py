@@ -1,0 +1,91 @@
+"""The first look: errors of the cameras, from frames spread over the recording, before the run.
+
+Boxes of the lidars alone and the 2D boxes that match them show where a camera looks and when it took its images
+(`lidcam.pipeline.calibration.camera_error`). Short stretches are enough: a camera keeps its error, and frames that
+follow each other show the same objects.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+
+import numpy as np
+
+from lidcam.pipeline.calibration.camera_error import camera_error
+from lidcam.pipeline.calibration.pairs import TrackedPairs, tracked_pairs
+from lidcam.pipeline.core.arrays import join_rows
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.stages.sync.synchronize import SyncStats
+from lidcam.pipeline.tracking.trackers import object_tracker
+from lidcam.run.box_sources import box_source
+from lidcam.run.build import build_graph
+from lidcam.run.frames import RunInput, TimeWindow, bundles, expected_frames, sensor_clocks
+from lidcam.run.tally import DropTable
+
+STRETCH_FRAMES = 3
+"""Number of frames of a stretch: their tracks tell the speeds of objects."""
+
+MAX_STRETCHES = 20
+"""Maximum number of stretches."""
+
+MAX_SHARE = 1 / 3
+"""Maximum share of the frames that are looked at, of more than one stretch."""
+
+FREE = np.array([True, True, True, False, False, False, True])
+"""Values that are corrected: direction and clock. A wrong place of a camera looks much like a habit of its detector."""
+
+
+def corrected_by_recording(source: RunInput) -> RunInput:
+    """The source with cameras corrected by the recording; a camera that shows too little stays as recorded.
+
+    Raises:
+        ModelError: a network cannot be loaded.
+    """
+    config, rig = source.config, source.rig
+    if config.fuse.calibration == "recorded" or box_source(config, rig) == "none" or not rig.lidars:
+        return source
+    found = defaultdict[str, list[TrackedPairs]](list)
+    for frame in _looked_at(source):
+        for name, pairs in tracked_pairs(frame):
+            found[name].append(pairs)
+    cameras = tuple(_corrected(camera, found[camera.name], source) for camera in rig.cameras)
+    return replace(source, rig=replace(rig, cameras=cameras))
+
+
+def _corrected(camera: CameraSensor, found: list[TrackedPairs], source: RunInput) -> CameraSensor:
+    lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in source.rig.lidars])
+    error = camera_error(join_rows(*found), camera, lidar_xy, source.config.fuse, FREE) if found else None
+    return camera if error is None else error.applied_to(camera)
+
+
+def _looked_at(source: RunInput) -> Iterator[FrameResult]:
+    """The frames of some stretches, with online tracks."""
+    track = source.config.track.model_copy(update={"mode": "online", "odometry": "recorded"})
+    config = source.config.model_copy(update={"track": track})
+    drops = DropTable("skip")
+    graph, result = build_graph(config, source.rig, on_bad=drops.on_bad)
+    tracker = object_tracker(config, source.rig)
+    if tracker is None:
+        raise AssertionError("online tracks have a tracker")
+    for window in stretches(source):
+        stretch = replace(source, config=config, window=window, copied=(), drawn=())
+        with closing(
+            graph.run(result, bundles(stretch, drops, SyncStats(), sensor_clocks(source.rig, drops)))
+        ) as frames:
+            for frame in frames:
+                yield replace(frame, fused=tracker.add_frame(frame)[0])
+
+
+def stretches(source: RunInput) -> list[TimeWindow]:
+    """The parts of the recording that are looked at, evenly spread over it."""
+    recording, window = source.recording, source.window
+    start_ns = recording.start_ns if window.start_ns is None else window.start_ns
+    stop_ns = recording.end_ns + 1 if window.stop_ns is None else min(window.stop_ns, recording.end_ns + 1)
+    frames = max(expected_frames(source), 1)
+    count = int(np.clip(frames * MAX_SHARE / STRETCH_FRAMES, 1, MAX_STRETCHES))
+    length_ns = min(round((stop_ns - start_ns) / frames * (STRETCH_FRAMES + 0.5)), stop_ns - start_ns)
+    step_ns = (stop_ns - length_ns - start_ns) / max(count - 1, 1)
+    starts_ns = [start_ns + round(number * step_ns) for number in range(count)]
+    return [TimeWindow(begin_ns, begin_ns + length_ns) for begin_ns in starts_ns]

@@ -1,0 +1,97 @@
+"""Cameras are corrected by frames spread over the recording; what they do not show is left alone."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from wrong_cameras import CAMERA, cuboids, passing, without_tracks
+
+import lidcam
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraFit, LidarSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.open import open_recording
+from lidcam.run.first_look import MAX_SHARE, STRETCH_FRAMES, corrected_by_recording, stretches
+from lidcam.run.frames import RunInput
+from lidcam.run.summary import camera_corrections
+
+CROSSING = Path(lidcam.__file__).parents[1] / "bags/crossing.mcap"
+RIG = Rig("site", (LidarSensor("lidar", "/points", Transform("site", "lidar", np.eye(4))),), (CAMERA,), ())
+DEGREE = np.pi / 180
+
+
+@pytest.fixture(scope="module")
+def crossing() -> Iterator[RunInput]:
+    with open_recording([CROSSING]) as recording:
+        yield RunInput(recording, RIG, Config.model_validate({"detect2d": {"method": "recorded"}}))
+
+
+def corrected(source: RunInput, frames: list[FrameResult]) -> Rig:
+    with (
+        patch("lidcam.pipeline.calibration.camera_error.rounded_outline", cuboids),
+        patch("lidcam.run.first_look.box_source", return_value="recorded"),
+        patch("lidcam.run.first_look._looked_at", return_value=frames),
+    ):
+        return corrected_by_recording(source).rig
+
+
+@pytest.mark.parametrize(
+    ("values", "turned_deg", "late_ms"),
+    [((0, 0.012, 0, 0, 0, 0, 0), 0.65, 0), ((-0.02, 0, 0, 0, 0, 0, 0.04), 1.15, 40), ((0,) * 7, 0.0, 0)],
+    ids=["turned by a little", "turned, and late", "sound"],
+)
+def test_direction_and_clock_are_corrected(
+    crossing: RunInput, values: tuple[float, ...], turned_deg: float, late_ms: float
+) -> None:
+    rig = corrected(crossing, passing(values, noise=0.5))
+    [camera] = rig.cameras
+    turn = camera.T_camera_site.matrix @ np.linalg.inv(CAMERA.T_camera_site.matrix)
+    np.testing.assert_allclose([turn[2, 1], turn[0, 2]], values[:2], atol=0.07 * DEGREE)
+    assert camera.time_offset_ns == pytest.approx(-1e6 * late_ms, abs=8e6)
+    told = camera_corrections(rig)
+    assert ("cam" in told) == any(values)
+    if told:
+        assert told["cam"].turned_deg == pytest.approx(turned_deg, abs=0.1)
+        assert told["cam"].late_ms == pytest.approx(late_ms, abs=8)
+    assert camera.fit.direction_sigma_rad < 0.2 * DEGREE
+
+
+@pytest.mark.parametrize("frames", [[], passing(frames=1), without_tracks(passing())], ids=["none", "one", "untracked"])
+def test_a_camera_that_shows_too_little_stays_as_recorded(crossing: RunInput, frames: list[FrameResult]) -> None:
+    [camera] = corrected(crossing, frames).cameras
+    assert camera is CAMERA
+    assert camera.fit == CameraFit()
+
+
+@pytest.mark.parametrize("setting", [{"fuse.calibration": "recorded"}, {"detect2d.method": "none"}])
+def test_nothing_is_looked_at_without_need(crossing: RunInput, setting: dict[str, str]) -> None:
+    config = lidcam.make_job(CROSSING, settings=setting).config
+    with patch("lidcam.run.first_look._looked_at", side_effect=AssertionError):
+        assert corrected_by_recording(replace(crossing, config=config)).rig is RIG
+
+
+@pytest.mark.parametrize("frames", [1, 2, 20, 200, 100_000])
+def test_stretches_are_a_share_of_the_recording(crossing: RunInput, frames: int) -> None:
+    recording = crossing.recording
+    with patch("lidcam.run.first_look.expected_frames", return_value=frames):
+        found = stretches(crossing)
+    spans = [(one.start_ns or 0, one.stop_ns or 0) for one in found]
+    assert spans[0][0] == recording.start_ns
+    assert spans[-1][1] == recording.end_ns + 1 or len(spans) == 1
+    assert all(first[1] < second[0] for first, second in pairwise(spans))
+    looked_at = sum(stop - start for start, stop in spans) / (recording.end_ns - recording.start_ns) * frames
+    assert looked_at <= max((STRETCH_FRAMES + 1) / STRETCH_FRAMES * MAX_SHARE * frames, STRETCH_FRAMES + 1)
+
+
+def test_a_run_counts_each_message_once() -> None:
+    settings = {"output.images": False, "run.workers": 1}
+    first, second = (
+        lidcam.process(CROSSING, settings=settings | {"fuse.calibration": one}).report for one in ("auto", "recorded")
+    )
+    assert first.inputs.messages_used == second.inputs.messages_used
+    assert first.drops.messages == second.drops.messages
