@@ -20,6 +20,9 @@ ALL = "all"
 MIN_BLOCKS = 10
 """Fewest blocks of the bootstrap whose interval is wide enough."""
 
+AT_50 = ("pedestrian", "bicycle")
+"""Classes whose average precision is shown at an IoU of 50 %, others at 70 %: as in KITTI."""
+
 Tree = Mapping[str, Any]
 
 
@@ -55,7 +58,7 @@ def _subject(tree: Tree, evaluation: Evaluation) -> str:
     ignored = [f"{counts[name]} {words}" for name, words in reasons.items() if counts[name]]
     return (
         f"{result}: {tree['frames_with_truth']} of {frames} frames have ground truth, from "
-        f"{' and '.join(evaluation.truth.sources)}; {counts['evaluated']} objects evaluated"
+        f"{evaluation.truth}; {counts['evaluated']} objects evaluated"
         + (f", ignored: {', '.join(ignored)}" if ignored else "")
     )
 
@@ -101,7 +104,8 @@ def truth_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
     """Each table of figures that need ground truth, with the lines that explain it."""
     sources: Tree = tree["sources"]
     if tree["frames_with_truth"] and sources:
-        yield _source_table("detection", sources, _detection_columns(sources)), _detection_explained(sources)
+        shown = {source: _with_shown_ap(classes) for source, classes in sources.items()}
+        yield _source_table("detection", shown, _detection_columns(sources)), _detection_explained(sources)
         if any(gains[_key(gains, AP_BEV)]["value"] is not None for gains in tree["fusion_gain"].values()):
             yield _gain_table(tree["fusion_gain"]), _gain_explained(tree["fusion_gain"])
         yield _source_table("errors of matched boxes (metres, degrees)", sources, ERROR_COLUMNS), ERRORS
@@ -203,27 +207,43 @@ CHAINS = (
 
 def _detection_columns(sources: Tree) -> Columns:
     figures = next(iter(sources.values()))[ALL]
-    overlap = _overlap(figures)
     return (
         ("truth", "truth", str),
         ("boxes", "found", str),
         ("recall", "recall", share),
         ("prec.", "precision", share),
         ("false", "false_per_frame", _digits(2)),
-        ("AP bev", f"{AP_BEV}{overlap}", share),
-        ("AP 3D", f"{AP_3D}{overlap}", share),
+        ("AP bev", AP_BEV, share),
+        ("AP 3D", AP_3D, share),
         ("mAP", f"{_by_distance(figures)}.map", share),
     )
+
+
+def _with_shown_ap(classes: Tree) -> Tree:
+    """The figures by class, with the average precisions that are shown: of all, the mean over the classes."""
+    found = {name: {**figures, **shown_ap(name, figures)} for name, figures in classes.items()}
+    for view in (AP_BEV, AP_3D):
+        known = [one[view] for name, one in found.items() if name != ALL and one[view] is not None]
+        found[ALL][view] = sum(known) / len(known) if known else None
+    return found
+
+
+def shown_ap(name: str, figures: Tree) -> dict[str, float | None]:
+    """Average precision of a class at the IoU at which it is shown, from above and in 3D, by `AP_BEV` and `AP_3D`."""
+    overlap = _overlap(figures, wanted="50" if name in AT_50 else "70")
+    return {view: figures[f"{view}{overlap}"] for view in (AP_BEV, AP_3D)}
 
 
 def _detection_explained(sources: Tree) -> Iterator[str]:
     """The meanings of the columns, and the rule by which a box matches."""
     classes = next(iter(sources.values()))
     by_distance = _by_distance(classes[ALL])
+    small, large = (_overlap(classes[ALL], wanted=overlap) for overlap in ("50", "70"))
+    overlaps = f"{large} %" if small == large else f"{large} % ({' and '.join(AT_50)}: {small} %)"
     at = "those of nuScenes." if by_distance == "nuscenes" else "four, scaled by the length of the class:"
     yield (
-        "boxes: reported. false: wrong boxes per frame. AP bev, AP 3D: average precision seen from above and in 3D at "
-        f"an IoU of {_overlap(classes[ALL])} %, 40 recalls. mAP: mean over matching distances, {at}"
+        "boxes: reported. false: wrong boxes per frame. AP bev, AP 3D: average precision seen from above and in 3D, 40 "
+        f"recalls, at an IoU of {overlaps}. mAP: mean over matching distances, {at}"
     )
     for name, figures in classes.items():
         if name != ALL and (thresholds := figures[by_distance].get("thresholds")):
@@ -255,8 +275,9 @@ def _gain_table(gains: Tree) -> Table:
 
 
 def _gain_explained(gains: Tree) -> Iterator[str]:
-    yield "over: the better single sensor. + is better, also for position."
     one, blocks = gains[ALL], gains[ALL]["blocks"]
+    overlap = _overlap(one)
+    yield f"over: the better single sensor. + is better, also for position. AP: at an IoU of {overlap} %."
     if one[_key(one, AP_BEV)]["low"] is None:
         yield f"There is no interval: a recording of {blocks} s is too short for resampling."
     elif blocks < MIN_BLOCKS:
@@ -307,10 +328,10 @@ def _key(tree: Tree, beginning: str) -> str:
     return next(name for name in tree if name.startswith(beginning))
 
 
-def _overlap(figures: Tree, beginning: str = AP_BEV) -> str:
-    """The IoU that is shown, in percent: 50 if that is among them, else the last, as in the gain from fusion."""
+def _overlap(figures: Tree, beginning: str = AP_BEV, wanted: str = "50") -> str:
+    """The IoU that is shown, in percent: the wanted one if that is among them, else the last."""
     known = [key.removeprefix(beginning) for key in figures if key.startswith(beginning)]
-    return "50" if "50" in known else known[-1]
+    return wanted if wanted in known else known[-1]
 
 
 def _by_distance(figures: Tree) -> str:

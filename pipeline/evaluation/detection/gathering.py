@@ -132,6 +132,7 @@ class Gathering:
             truth=truth.boxes,
             is_evaluated=table.is_evaluated,
             is_ignored=is_outside,
+            vans=criteria.vans,
         )
         mistaken = match_other_classes(
             pairs,
@@ -176,6 +177,7 @@ class Gathering:
             truth=truth.boxes,
             is_evaluated=table.is_nuscenes,
             is_ignored=~is_left,
+            vans=self._criteria.vans,
         )
 
     def _parts(self, centers: F64) -> Bools:

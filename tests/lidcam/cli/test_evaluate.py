@@ -18,11 +18,8 @@ from perturbed_results import perturbed
 from lidcam.cli.evaluate import evaluate
 from lidcam.cli.process import run_process
 from lidcam.evaluation.requirement import read_requirements
-from lidcam.pipeline.core.errors import (
-    CheckError,
-    IncompleteError,
-    RecordingError,
-)
+from lidcam.pipeline.core.errors import CheckError, IncompleteError, RecordingError
+from lidcam.pipeline.evaluation.labelled_part import LabelledPart, LabelledPartSearch
 from lidcam.run.job import make_job
 
 SANDBOX = ROOT / "bags" / "sandbox.bag"
@@ -109,6 +106,20 @@ def test_settings_of_the_evaluation(result: Path, tmp_path: Path, capsys: pytest
     assert "ap_bev_r40_50" not in tree["sources"]["fused"]["car"]
     assert tree["truth_objects"]["outside"] == 8
     assert [warning["subject"] for warning in tree["warnings"]] == ["truth"]
+
+
+def test_truth_of_one_view(
+    result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    part, everywhere = LabelledPart("cam11", [[0, 0], [9, 0], [9, 9]], 0.5), ["evaluate.region=everywhere"]
+    monkeypatch.setattr(LabelledPartSearch, "add", lambda *_: True)
+    monkeypatch.setattr(LabelledPartSearch, "found", lambda _: part)
+    evaluated(result, json_file=tmp_path / "part.json")
+    assert ", labelled only in the view of cam11, up to 0.5 m; 0 objects evaluated, " in capsys.readouterr().out
+    evaluated(result, json_file=tmp_path / "all.json", settings=everywhere)
+    trees = [valid((tmp_path / name).read_text(encoding="utf-8")) for name in ("part.json", "all.json")]
+    assert [tree["truth"]["labelled"] for tree in trees] == ["in the view of cam11, up to 0.5 m", None]
+    assert [tree["truth_objects"]["outside"] for tree in trees] == [8, 0]
 
 
 @pytest.mark.parametrize(("use", "truth", "ignored"), [("count", 8, 0), ("ignore", 0, 8)])

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from evaluation_frames import frame_of, rows_at, source_boxes, truth_boxes
 
-from lidcam.cli.printing.evaluation import print_evaluation
+from lidcam.cli.printing.evaluation import AP_3D, AP_BEV, print_evaluation, shown_ap
 from lidcam.cli.printing.terminal import console
 from lidcam.evaluation.evaluation import Evaluation, Truth
 from lidcam.evaluation.evaluators import evaluators_of, measure
@@ -57,7 +57,7 @@ def printed(
         (InputFile("a/out.mcap", "out.mcap", 1, "0" * 64),),
         "defaults",
         "0" * 64,
-        Truth(("/truth of out.mcap",), ()) if has_truth else None,
+        Truth("/truth of out.mcap", ()) if has_truth else None,
         tuple(requirement.check(figures) for requirement in read_requirements(requirements)),
         tuple(RunWarning("fused", warning, "try this") for warning in warnings),
         ("a note",),
@@ -79,12 +79,7 @@ SHORT = "; the recording is too short for a confidence interval."
         ([], [CAR_AT], 20, f"Fusion adds 1.00 AP over {OVER}{SHORT}"),
         ([], [CAR_AT], 60, f"Fusion adds 1.00 AP (+1.00 to +1.00) over {OVER}."),
         ([CAR_AT], [], 60, f"Fusion removes 1.00 AP (-1.00 to -1.00) from {OVER}."),
-        (
-            [CAR_AT],
-            [CAR_AT],
-            60,
-            f"No significant change in AP from fusion: +0.00 (+0.00 to +0.00) over {OVER}.",
-        ),
+        ([CAR_AT], [CAR_AT], 60, f"No significant change in AP from fusion: +0.00 (+0.00 to +0.00) over {OVER}."),
     ],
 )
 def test_the_headline(lidar: list[Place], fused: list[Place], count: int, told: str) -> None:
@@ -104,6 +99,13 @@ def test_the_headline(lidar: list[Place], fused: list[Place], count: int, told: 
 def test_how_much_is_found_comes_first(fused: list[Place], told: str) -> None:
     text = printed(frames(lidar=[CAR_AT], fused=fused, truth=[CAR_AT, (60.0, 0.0)]))
     assert text.splitlines()[1] == told
+
+
+@pytest.mark.parametrize(("name", "known", "shown"), [("car", 50, 0.7), ("bicycle", 50, 0.5), ("car", 25, 0.25)])
+def test_average_precision_is_shown_at_the_overlap_of_kitti(name: str, known: int, shown: float) -> None:
+    ious = (25, known, 70) if known == 50 else (known,)
+    figures = {f"{view}{iou}": iou / 100 for view in (AP_BEV, AP_3D) for iou in ious}
+    assert shown_ap(name, figures) == {AP_BEV: shown, AP_3D: shown}
 
 
 def test_without_truth() -> None:
