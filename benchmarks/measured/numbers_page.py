@@ -47,7 +47,7 @@ DETAILS_HEAD = """# Numbers: measurements
 
 The figures of the recordings of [numbers.md](../numbers.md) that are not on that page.
 
-- *AP 3D .5*: at an IoU of 0.5. *mAP*: by distance of the centres, with thresholds scaled by the length of the class.
+- *AP 3D*: at an IoU of 0.5. *mAP*: by distance of the centres, with thresholds scaled by the length of the class.
 - *95 %*: 95th percentile of the error in metres; *when measured*: the mean against where the object was when the
   lidars saw it, up to 0.1 s later. *flips*: headings that are wrong by more than 90 degrees; *length*, *width*: mean
   error in metres.
@@ -132,19 +132,7 @@ def details(run: MeasuredRun) -> Iterator[str]:
     figures = run.figures
     yield f"## {run.scenario}\n"
     yield from table(
-        [
-            "class",
-            "source",
-            "AP 3D .5",
-            "mAP",
-            "recall",
-            "precision",
-            "95 %",
-            "when measured",
-            "flips",
-            "length",
-            "width",
-        ],
+        ["class", "source", "AP 3D", "mAP", "recall", "precision", "95 %", "when measured", "flips", "length", "width"],
         [_details(*one, run.when_measured["sources"][one[1]][one[0]]) for one in by_class(figures)],
     )
     yield "Objects found by kind, whatever class lidcam has for it:\n"
@@ -166,14 +154,10 @@ def _details(name: str, source: str, one: Tree, when_measured: Tree) -> list[str
 
 
 def _by_label(figures: Tree) -> list[list[str]]:
-    found: dict[str, dict[str, Any]] = {}
-    for name, source, one in by_class(figures):
-        for label, counted in one["labels"].items() if name != "all" else ():
-            found.setdefault(label, {})[source] = counted
+    by_source = [classes["all"]["labels"] for classes in figures["sources"].values()]
     return [
-        [label, f"{next(iter(by_source.values()))['truth']}"]
-        + [share(by_source[source]["recall"]) if source in by_source else NONE for source in figures["sources"]]
-        for label, by_source in sorted(found.items())
+        [label, f"{one['truth']}", *(share(labels[label]["recall"]) for labels in by_source)]
+        for label, one in by_source[0].items()
     ]
 
 

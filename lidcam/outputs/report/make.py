@@ -158,11 +158,10 @@ def _map_notes(result: Result, seen: ReportCollector, background: SparseGrid) ->
 def _truth_note(evaluation: Evaluation) -> str:
     """How much truth there is; empty without any."""
     tree: Mapping[str, Any] = evaluation.figures.tree
-    truth = evaluation.truth
-    if truth is None or not tree["frames_with_truth"]:
+    if evaluation.truth is None or not tree["frames_with_truth"]:
         return ""
     return (
-        f"{tree['frames_with_truth']} of {tree['frames']} frames have truth, from {truth}; "
+        f"{tree['frames_with_truth']} of {tree['frames']} frames have truth, from {evaluation.truth}; "
         f"{tree['truth_objects']['evaluated']} true objects count."
     )
 

@@ -21,8 +21,7 @@ class EvaluateConfig(SettingsModel):
             the ranges of nuScenes, and the figures carry its name.
         ranges_m: Edges of the ranges from the origin of the site frame by which figures are grouped; null: 0, 10,
             20, 40 and 80 m, times the length of the first class over 4 m.
-        region: Corners x, y in the site frame of the part that is evaluated. null: what one camera sees, up to the
-            farthest true object, if truth is labelled there alone, as in KITTI; else everywhere. `everywhere`: all.
+        region: Corners x, y in the site frame of what is evaluated, or `everywhere`; null: where truth is labelled.
         max_range_m: Largest distance from the origin of the site frame that is evaluated; null: no limit.
         min_lidar_points: An object with fewer lidar points and with fewer pixels than `min_image_pixels` is neither a
             miss nor an error. Truth without such counts is evaluated in any case.

@@ -127,12 +127,11 @@ class Gathering:
         matches = match_criteria(
             pairs,
             [*criteria.by_overlap, *criteria.by_distance],
-            position=criteria.position,
+            rules=criteria,
             found=boxes,
             truth=truth.boxes,
             is_evaluated=table.is_evaluated,
             is_ignored=is_outside,
-            vans=criteria.vans,
         )
         mistaken = match_other_classes(
             pairs,
@@ -172,12 +171,11 @@ class Gathering:
         return match_criteria(
             pairs.select(is_left[pairs.found] & at_ignored[pairs.truth]),
             self._criteria.by_distance,
-            position=self._criteria.position,
+            rules=self._criteria,
             found=found.boxes,
             truth=truth.boxes,
             is_evaluated=table.is_nuscenes,
             is_ignored=~is_left,
-            vans=self._criteria.vans,
         )
 
     def _parts(self, centers: F64) -> Bools:

@@ -12,7 +12,7 @@ from lidcam.pipeline.evaluation.detection.tables import FALSE, IGNORED
 from lidcam.pipeline.evaluation.evaluation_frame import SourceBoxes, TruthBoxes3D
 from lidcam.pipeline.evaluation.ignoring import is_evaluated, is_within
 from lidcam.pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
-from lidcam.pipeline.evaluation.vans import Vans, as_found
+from lidcam.pipeline.evaluation.vans import as_found
 
 
 def by_falling_score(scores: F32) -> Indices:
@@ -62,12 +62,11 @@ def match_criteria(
     pairs: Candidates,
     criteria: Sequence[Criterion],
     *,
-    position: Criterion,
+    rules: Criteria,
     found: Boxes3D,
     truth: TruthBoxes3D,
     is_evaluated: Bools,
     is_ignored: Bools,
-    vans: Vans,
 ) -> I32:
     """Matches of detections with true objects of their class, under each of several criteria.
 
@@ -78,17 +77,16 @@ def match_criteria(
     Args:
         pairs: Pairs that may belong together.
         criteria: K of them.
-        position: By which a detection may show an object that is not evaluated.
+        rules: What is a van, and by which position a detection may show an object that is not evaluated.
         found: N detections.
         truth: T true objects.
         is_evaluated: (T,) of the true objects.
         is_ignored: (N,) detections that are ignored unless they show an evaluated object.
-        vans: Which true objects are vans.
 
     Returns:
         (N, K) int32, row of the true object, `FALSE` or `IGNORED`.
     """
-    ranks = ranks_by_score(found.scores)
+    ranks, position, vans = ranks_by_score(found.scores), rules.position, rules.vans
     evaluated, found_ids = is_evaluated[pairs.truth], found.class_ids[pairs.found]
     is_van, class_ids = vans.among(truth.class_ids, truth.labels), truth.class_ids
     if is_van.any():
@@ -124,14 +122,7 @@ def match_frame(
     pairs = pairs_near(FoundObjects.of([source], 0), TrueObjects.of([truth], 0), criteria.scales)
     is_ignored = ~is_within(found.centers, config)
     matches = match_criteria(
-        pairs,
-        [position],
-        position=position,
-        found=found,
-        truth=truth,
-        is_evaluated=counted,
-        is_ignored=is_ignored,
-        vans=criteria.vans,
+        pairs, [position], rules=criteria, found=found, truth=truth, is_evaluated=counted, is_ignored=is_ignored
     )
     return pairs, matches[:, 0], counted
 

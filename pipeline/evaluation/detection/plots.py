@@ -17,9 +17,6 @@ from lidcam.pipeline.evaluation.vans import as_found
 SCORES = 200
 """Steps of the score, and points of a curve of precision over recall."""
 
-MAX_PLACES = 200_000
-"""Matches whose places are kept; beyond it every second one goes, again and again."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Places:
@@ -30,7 +27,7 @@ class Places:
 
 
 class DetectionPlots:
-    """Gathers counts and errors over the frames of a result; memory is bounded.
+    """Gathers counts and errors over the frames of a result; keeps 24 bytes of each true object.
 
     A detection is right as for precision and recall: `Criteria.position`.
     """
@@ -40,7 +37,6 @@ class DetectionPlots:
         self._counts: dict[str, I64] = {}
         self._truth: dict[str, I64] = {}
         self._places = Pieces(Places, xy=(2,))
-        self._kept, self._step, self._frames = 0, 1, 0
 
     def add(self, frame: EvaluationFrame) -> None:
         """Take in one frame; those without truth are left out."""
@@ -62,24 +58,11 @@ class DetectionPlots:
                 errors = np.full(len(truth), np.nan)
                 gaps = found.centers[right, :2] - truth.centers[matches[right], :2]
                 errors[matches[right]] = np.hypot(gaps[:, 0], gaps[:, 1])
-                self._keep(Places(truth.centers[counted, :2], errors[counted]))
-        self._frames += 1
-
-    def _keep(self, places: Places) -> None:
-        if self._frames % self._step:
-            return
-        self._places.append(places)
-        self._kept += len(places.errors_m)
-        if self._kept > MAX_PLACES:
-            self._step *= 2
-            table = self._places.table()
-            self._places = Pieces(Places, xy=(2,))
-            self._places.append(Places(table.xy[::2], table.errors_m[::2]))
-            self._kept = len(self._places.table().errors_m)
+                self._places.append(Places(truth.centers[counted, :2], errors[counted]))
 
     @property
     def places(self) -> Places:
-        """Places and errors of true objects; of a long result, a share of them."""
+        """Places and errors of true objects."""
         return self._places.table()
 
     def curve(self, source: str, class_id: int) -> tuple[F64, F64, F64]:
