@@ -11,7 +11,6 @@ from lidcam.pipeline.evaluation.assignment import pairs_of_equal
 from lidcam.pipeline.evaluation.detection.averages import Averages, mean_figures
 from lidcam.pipeline.evaluation.detection.counts import count_figures
 from lidcam.pipeline.evaluation.detection.curves import average_precision, curve_of, ratio
-from lidcam.pipeline.evaluation.detection.gathering import check_values
 from lidcam.pipeline.evaluation.detection.matching import by_falling_score, match_by_score, ranks_by_score
 from lidcam.pipeline.evaluation.detection.tables import FALSE, IGNORED
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Figures, ImageBoxes, TruthBoxes2D
@@ -48,17 +47,10 @@ class CameraImages:
         self._waiting: list[tuple[ImageBoxes, TruthBoxes2D]] = []
 
     def add(self, image: ImageBoxes) -> None:
-        """Take in one image.
-
-        Raises:
-            ValueError: a class id is none of the configured classes, or a number is not finite.
-        """
+        """Take in one image; the numbers in it are finite, as readers make sure."""
         if image.truth is None:
             self._images_without_truth += 1
             return
-        found, classes = image.found, len(self._class_names)
-        check_values("found", found.class_ids, range(classes), found.xyxy, found.scores)
-        check_values("truth", image.truth.class_ids, range(UNKNOWN, classes), image.truth.xyxy)
         self._images += 1
         self._waiting.append((image, image.truth))
         if len(self._waiting) >= MAX_IMAGES:
