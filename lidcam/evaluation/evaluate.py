@@ -73,6 +73,7 @@ def within_labels(job: EvaluationJob) -> EvaluationJob:
         settings = result.config.evaluate
         if settings.region is not None or found.source is None:
             return job
+        result.sources, result.cameras = ("lidar",), ()  # nothing else is looked at
         search = LabelledPartSearch(result.rig.cameras)
         part = search.found() if all(map(search.add, EvaluationFrames(result, found))) else None
     if part is None:
