@@ -107,7 +107,8 @@ class Truth:
 
     def __str__(self) -> str:
         """Where it was taken from, and where alone it is labelled."""
-        return self.source + (f", labelled only {self.labelled}" if self.labelled else "")
+        part = f", labelled only {self.labelled} (evaluate.region=everywhere counts all)" if self.labelled else ""
+        return f"{self.source}{part}"
 
 
 @dataclass(frozen=True, slots=True)

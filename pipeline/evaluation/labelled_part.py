@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, Bools
+from lidcam.pipeline.core.arrays import Bools
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.geometry.rotated_iou import OrientedBoxes
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame
+from lidcam.pipeline.evaluation.scales import ranges_m
 
 MIN_OBJECTS = 8
 """Smallest number of different true objects that shows where truth is labelled: a few may stay together by chance."""
@@ -50,10 +51,10 @@ class LabelledPartSearch:
             self._cameras = [camera for camera in self._cameras if _is_seen(truth, camera).all()]
             for camera in self._cameras:
                 self._seen[camera.name].append(_is_seen(lidar.boxes, camera))
-            self._ranges_m.append(_ranges_m(lidar.boxes))
+            self._ranges_m.append(ranges_m(lidar.boxes.centers))
             self._tracks.update(truth.track_ids[truth.track_ids != UNKNOWN].tolist())
             self._most = max(self._most, len(truth))
-            self._range_m = max(self._range_m, float(_ranges_m(truth).max()))
+            self._range_m = max(self._range_m, float(ranges_m(truth.centers).max()))
         return bool(self._cameras)
 
     def found(self) -> LabelledPart | None:
@@ -86,7 +87,3 @@ def _is_seen(boxes: OrientedBoxes, camera: CameraSensor) -> Bools:
     """(N,) whether a part of each box is in the image."""
     corners = box_corners(boxes.centers, boxes.sizes, boxes.yaws)
     return np.asarray(np.isfinite(camera.model.project_boxes(camera.T_camera_site.apply(corners))).all(1))
-
-
-def _ranges_m(boxes: OrientedBoxes) -> F64:
-    return np.hypot(boxes.centers[:, 0], boxes.centers[:, 1])

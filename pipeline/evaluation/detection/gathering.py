@@ -16,7 +16,7 @@ from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
 from lidcam.pipeline.evaluation.ignoring import is_counted, is_evaluated, is_within
 from lidcam.pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
 from lidcam.pipeline.evaluation.pieces import Pieces
-from lidcam.pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_rows
+from lidcam.pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_rows, ranges_m
 from lidcam.pipeline.evaluation.true_motion import ground_poses, ground_turns
 
 _MAX_FRAMES = 128
@@ -96,7 +96,7 @@ class Gathering:
     def _truth_table(self, truth: TrueObjects, poses: Sequence[F64 | None]) -> TruthTable:
         boxes, first = truth.boxes, len(self.stamps_ns) - len(poses)
         has_points = boxes.lidar_points != 0
-        is_near = _ranges_m(boxes.centers) < np.append(self._nuscenes_m, 0.0)[boxes.class_ids]
+        is_near = ranges_m(boxes.centers) < np.append(self._nuscenes_m, 0.0)[boxes.class_ids]
         return TruthTable(
             frames=truth.frames,
             class_ids=boxes.class_ids,
@@ -157,7 +157,7 @@ class Gathering:
         self, pairs: Candidates, found: FoundObjects, truth: TrueObjects, table: TruthTable, is_outside: Bools
     ) -> I32:
         # nuScenes takes away what is too far and what no lidar hits before it matches; it ignores nothing
-        is_left = ~is_outside & (_ranges_m(found.boxes.centers) < self._nuscenes_m[found.boxes.class_ids])
+        is_left = ~is_outside & (ranges_m(found.boxes.centers) < self._nuscenes_m[found.boxes.class_ids])
         at_ignored = truth.boxes.is_ignored | table.is_nuscenes
         return match_criteria(
             pairs.select(is_left[pairs.found] & at_ignored[pairs.truth]),
@@ -172,12 +172,8 @@ class Gathering:
     def _parts(self, centers: F64) -> Bools:
         """(N, P) parts of the site in which centres lie."""
         ranges, zones = (
-            range_rows(_ranges_m(centers), self._edges_m),
+            range_rows(ranges_m(centers), self._edges_m),
             first_polygon_with(self._polygons, centers[:, :2]),
         )
         in_range = ranges[:, None] == np.arange(len(self._edges_m))
         return np.hstack([in_range, zones[:, None] == np.arange(len(self._polygons))])
-
-
-def _ranges_m(centers: F64) -> F64:
-    return np.hypot(centers[:, 0], centers[:, 1])
