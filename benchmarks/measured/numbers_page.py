@@ -34,8 +34,8 @@ simulated 2D detector: they show what changes from one version to the next, not 
 in `out/numbers/`: process one of them with `--report FILE.html` to see the worst errors as images.
 
 - *lidar*: what the lidars alone find. *cameras*: what the cameras alone place in 3D. *fused*: the result.
-- *AP bev*: average precision at an IoU of 0.5, 40 recall points. *F1*: harmonic mean of recall and precision. *false*:
-  boxes a frame.
+- *AP bev .5*, *AP bev .7*, *AP 3D .7*: average precision from above and in 3D at an IoU of 0.5 or 0.7, 40 recall
+  points. *F1*: harmonic mean of recall and precision, *false*: boxes a frame; both by distance: 2 m for a car.
 - *position*: mean error in metres, against where the object is at the frame's stamp. *heading*: median error in
   degrees, a turn by 180 degrees counted as right. *ECE*: expected calibration error of the scores.
 - *better*, *worse*, *open*: where the interval of 95 %, from resampled blocks of frames, lies above zero, below it, or
@@ -61,18 +61,22 @@ The figures of the recordings of [numbers.md](../numbers.md) that are not on tha
 
 
 FOUND: Mapping[str, Callable[[Tree], str]] = {
-    "AP bev": lambda one: share(one["ap_bev_r40_50"]),
     "F1": lambda one: share(one["f1"]),
     "false": lambda one: share(one["false_per_frame"]),
+}
+OVERLAPPING: Mapping[str, Callable[[Tree], str]] = {
+    "AP bev .5": lambda one: share(one["ap_bev_r40_50"]),
+    "AP bev .7": lambda one: share(one["ap_bev_r40_70"]),
+    "AP 3D .7": lambda one: share(one["ap_3d_r40_70"]),
 }
 PLACED: Mapping[str, Callable[[Tree], str]] = {
     "position": lambda one: number(one["errors"]["position_bev_m"]["mean"], 2),
     "heading": lambda one: number(one["errors"]["heading_mod_180_deg"]["p50"], 1),
     "ECE": lambda one: share(one["calibration"]["ece"]),
 }
-"""Columns of the two tables, and how each figure stands there."""
+"""Columns of the three tables, and how each figure stands there."""
 
-GAINS = {"AP bev": "ap_bev_r40_50", "F1": "f1", "position": "errors.position_bev_m.mean"}
+GAINS = {"AP bev .5": "ap_bev_r40_50", "F1": "f1", "position": "errors.position_bev_m.mean"}
 """Figures in which fusion should be better, by their names in the JSON."""
 
 SECONDS = {"sandbox": 20, "crossing": 10, "vehicle": 10}  # by scenario
@@ -150,14 +154,10 @@ def _details(name: str, source: str, one: Tree, when_measured: Tree) -> list[str
 
 
 def _by_label(figures: Tree) -> list[list[str]]:
-    found: dict[str, dict[str, Any]] = {}
-    for name, source, one in by_class(figures):
-        for label, counted in one["labels"].items() if name != "all" else ():
-            found.setdefault(label, {})[source] = counted
+    by_source = [classes["all"]["labels"] for classes in figures["sources"].values()]
     return [
-        [label, f"{next(iter(by_source.values()))['truth']}"]
-        + [share(by_source[source]["recall"]) if source in by_source else NONE for source in figures["sources"]]
-        for label, by_source in sorted(found.items())
+        [label, f"{one['truth']}", *(share(labels[label]["recall"]) for labels in by_source)]
+        for label, one in by_source[0].items()
     ]
 
 
@@ -175,9 +175,9 @@ def _shares(one: Tree, *names: str) -> list[str]:
 
 
 def side_by_side(figures: Tree) -> Iterator[str]:
-    """Figures of detection and of placement: a row for each class, the sources beside one another."""
+    """Figures of detection, overlap and placement: a row for each class, the sources beside one another."""
     sources: Tree = figures["sources"]
-    for columns in (FOUND, PLACED):
+    for columns in (FOUND, OVERLAPPING, PLACED):
         head = [f"{column}, {source}" for column in columns for source in sources]
         rows = [
             [name, f"{next(iter(sources.values()))[name]['truth']}"]

@@ -1,8 +1,9 @@
 """An evaluation: open a result, find the truth, measure all frames in one pass. Nothing is printed here."""
 
+import json
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,12 +14,10 @@ from lidcam.evaluation.figures import NamedFigures
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.evaluation.requirement import check_names
 from lidcam.pipeline.core.errors import RecordingError
-from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Evaluator
+from lidcam.pipeline.evaluation.labelled_part import LabelledPartSearch
 from lidcam.readers.input_file import InputFile, read_input_file, read_opened_files
-from lidcam.readers.location import Location
 from lidcam.readers.results.result import Result, open_result
-from lidcam.readers.rig.schema import RigFile
 from lidcam.readers.rig.search import zones_of
 from lidcam.readers.truth.open import OpenTruth, open_truth
 from lidcam.run.effect import settings_sha256
@@ -42,21 +41,15 @@ def evaluate_result(job: EvaluationJob, show: Progress = not_shown, others: Sequ
         LidcamError: the result, the truth or the settings are at fault.
     """
     started = time.perf_counter()
-    with open_result(job.result, job.settings) as result, ExitStack() as stack:
-        if job.rig is not None:
-            result.rig = _with_rig(result, job.rig)
-        config = result.config
-        advance = stack.enter_context(show((result.recording.end_ns - result.recording.start_ns) / 1e9))
-        seen = replace(result.rig, cameras=tuple(one for one in result.rig.cameras if one.name in result.cameras))
-        check_names(job.requirements, known_figures(config, seen, result.sources))
-        found, files = _find_truth(job, result, stack)
-        frames = EvaluationFrames(result, found)
-        tree = measure(_watched(frames, advance), (*evaluators_of(config, seen), *others))
+    job = within_labels(job)
+    with _opened(job) as (result, found), show((result.recording.end_ns - result.recording.start_ns) / 1e9) as advance:
+        config, frames = result.config, EvaluationFrames(result, found)
+        tree = measure(_watched(frames, advance), (*evaluators_of(config, result.rig), *others))
         if not tree["frames"]:
             raise RecordingError(f"{job.result}: expected a result with frames, found none")
         figures = NamedFigures({**tree, **timed(time.perf_counter() - started)})
         inputs = read_opened_files(result.recording.opened)
-        truth = Truth((found.source.description,), files()) if found.source else None
+        truth = Truth(found.source.description, _files(job, result, found), job.labelled) if found.source else None
         changed = {file.path for file in (*inputs, *(truth.inputs if truth else ())) if file.is_changed}
         return Evaluation(
             figures=figures,
@@ -66,32 +59,52 @@ def evaluate_result(job: EvaluationJob, show: Progress = not_shown, others: Sequ
             truth=truth,
             outcomes=tuple(requirement.check(figures) for requirement in job.requirements),
             warnings=doubts(tree, has_truth=truth is not None, lidars_detect=config.detect3d.method != "none"),
-            notes=tuple(note for note in frames.notes if not (truth and note == f"truth: {truth.sources[0]}")),
+            notes=tuple(note for note in frames.notes if not (truth and note == f"truth: {truth.source}")),
             incomplete=(*damage_lines(result.recording.losses), *changed_lines(sorted(changed))),
         )
 
 
-def _with_rig(result: Result, rig_file: RigFile) -> Rig:
-    """The rig of a result with the zones and the vehicles of a rig file, where that has some."""
-    rig = result.rig
-    zones = rig.zones if rig_file.zones is None else zones_of(rig_file, result.config)
-    return replace(rig, truth=rig_file.vehicles or rig.truth, zones=zones)
+def within_labels(job: EvaluationJob) -> EvaluationJob:
+    """The job; limited to what one camera sees, if truth is labelled there alone and `evaluate.region` is not set.
+
+    Reads frames up to the first true object that no camera sees. Raises as `evaluate_result`.
+    """
+    with _opened(job) as (result, found):
+        settings = result.config.evaluate
+        if settings.region is not None or found.source is None:
+            return job
+        result.sources, result.cameras = ("lidar",), ()  # nothing else is looked at
+        search = LabelledPartSearch(result.rig.cameras)
+        part = search.found() if all(map(search.add, EvaluationFrames(result, found))) else None
+    if part is None:
+        return job
+    range_m = min(part.max_range_m, settings.max_range_m or part.max_range_m)
+    limits = f"evaluate.region={json.dumps(part.region)}", f"evaluate.max_range_m={range_m}"
+    words = f"in the view of {part.camera}, up to {range_m:g} m"
+    return replace(job, settings=(*job.settings, *limits), labelled=words)
 
 
-def _find_truth(
-    job: EvaluationJob, result: Result, stack: ExitStack
-) -> tuple[OpenTruth, Callable[[], tuple[InputFile, ...]]]:
-    """The truth, open until `stack` ends, and what gives the files that it stands in, when they were read."""
-    found = stack.enter_context(open_truth(result, job.truth, topic=job.truth_topic))
+@contextmanager
+def _opened(job: EvaluationJob) -> Iterator[tuple[Result, OpenTruth]]:
+    """The result, with what the job's rig file has of zones and vehicles, and the truth; checks the requirements."""
+    with open_result(job.result, job.settings) as result:
+        if job.rig is not None:
+            zones = result.rig.zones if job.rig.zones is None else zones_of(job.rig, result.config)
+            result.rig = replace(result.rig, truth=job.rig.vehicles or result.rig.truth, zones=zones)
+        if job.requirements:
+            seen = replace(result.rig, cameras=tuple(one for one in result.rig.cameras if one.name in result.cameras))
+            check_names(job.requirements, known_figures(result.config, seen, result.sources))
+        with open_truth(result, job.truth, topic=job.truth_topic) as found:
+            yield result, found
+
+
+def _files(job: EvaluationJob, result: Result, found: OpenTruth) -> tuple[InputFile, ...]:
+    """The files that the truth stands in, when they were read; a folder of labels may be large: its name alone."""
     recording = found.poses[0] if job.truth else result.recording
-    if job.truth and recording.paths == result.recording.paths:  # labels are no recording
-        return found, lambda: tuple(map(_identity, job.truth))
-    return found, lambda: read_opened_files(recording.opened)
-
-
-def _identity(path: Location) -> InputFile:
-    """Size and checksum of a file; a folder of labels has its name alone, because it may hold thousands of clouds."""
-    return InputFile.unread(path) if isinstance(path, Path) and path.is_dir() else read_input_file(path)
+    if not job.truth or recording.paths != result.recording.paths:  # labels are no recording
+        return read_opened_files(recording.opened)
+    folders = {path for path in job.truth if isinstance(path, Path) and path.is_dir()}
+    return tuple(InputFile.unread(path) if path in folders else read_input_file(path) for path in job.truth)
 
 
 def _watched(frames: Iterable[EvaluationFrame], advance: Advance) -> Iterator[EvaluationFrame]:

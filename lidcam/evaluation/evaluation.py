@@ -28,6 +28,7 @@ class EvaluationJob:
     rig: RigFile | None = None  # Rig file whose zones and truth vehicles replace those of the result
     settings: Sequence[str] = ()  # Single settings on top of those of the result
     requirements: tuple[Requirement, ...] = ()  # Limits that the figures must meet
+    labelled: str = ""  # To which part the settings limit it because truth is labelled there alone, in words
 
 
 def make_evaluation_job(
@@ -95,12 +96,19 @@ def _as_texts(settings: Settings) -> Iterator[str]:
 class Truth:
     """The truth that figures compare with."""
 
-    sources: tuple[str, ...]  # Each place that it was taken from, in words
+    source: str  # Where it was taken from, in words
     inputs: tuple[InputFile, ...]  # The files that it stands in
+    labelled: str = ""  # Where alone it is labelled, in words, if that limits the evaluation
 
     def tree(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        return {"from": list(self.sources), "inputs": [file.tree() for file in self.inputs]}
+        files = [file.tree() for file in self.inputs]
+        return {"from": [self.source], "inputs": files, "labelled": self.labelled or None}
+
+    def __str__(self) -> str:
+        """Where it was taken from, and where alone it is labelled."""
+        part = f", labelled only {self.labelled} (evaluate.region=everywhere counts all)" if self.labelled else ""
+        return f"{self.source}{part}"
 
 
 @dataclass(frozen=True, slots=True)

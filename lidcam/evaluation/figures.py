@@ -27,7 +27,7 @@ class NamedFigures(Mapping[str, Figure]):
 
     def __init__(self, tree: Figures) -> None:
         self.tree = tree
-        self._found = dict(_flat(tree, ""))
+        self._found = dict(_flat(tree))
 
     def __getitem__(self, name: str) -> Figure:
         key = self._key(name)
@@ -52,7 +52,8 @@ class NamedFigures(Mapping[str, Figure]):
             return f"{name!r} names {len(under)} figures: expected one of them, such as {f'{name}.{under[0]}'!r}"
         longer = [key for key in known if name and key.startswith(name)]
         if nearest := longer[:MAX_NEAREST] or get_close_matches(name, known, n=MAX_NEAREST, cutoff=LIKENESS):
-            return f"unknown figure {name!r}: did you mean {_either([repr(one) for one in nearest])}?"
+            *others, last = map(repr, nearest)
+            return f"unknown figure {name!r}: did you mean {' or '.join(filter(None, (', '.join(others), last)))}?"
         sections = dict.fromkeys(key.partition(".")[0] for key in self._found)
         return f"unknown figure {name!r}: known are those of {', '.join(sections)}"
 
@@ -68,20 +69,12 @@ class NamedFigures(Mapping[str, Figure]):
         return next((key for key in (name, LEFT_OUT + name) if key in self._found), None)
 
 
-def _flat(node: Figures, beginning: str) -> Iterator[tuple[str, Figure]]:
-    for name, value in node.items():
-        yield from _below(f"{beginning}{name}", value)
-
-
-def _below(name: str, value: Any) -> Iterator[tuple[str, Figure]]:
+def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Figure]]:
     if isinstance(value, Mapping):
-        yield from _flat(value, f"{name}.")
+        for key, element in value.items():
+            yield from _flat(element, f"{name}.{key}" if name else key)
     elif isinstance(value, Sequence) and not isinstance(value, str):
         for row, element in enumerate(value):
-            yield from _below(f"{name}.{row}", element)
+            yield from _flat(element, f"{name}.{row}")
     else:
         yield name, value
-
-
-def _either(words: Sequence[str]) -> str:
-    return " or ".join(filter(None, (", ".join(words[:-1]), words[-1])))

@@ -39,17 +39,11 @@ class RequirementError(ConfigError):
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """A limit for a figure.
+    """A limit for a figure."""
 
-    Attributes:
-        name: Its dotted name.
-        sign: How the figure is compared with the limit; a key of `OPERATORS`.
-        limit: The limit, in the unit of the figure.
-    """
-
-    name: str
-    sign: str
-    limit: float
+    name: str  # Its dotted name
+    sign: str  # How the figure is compared with the limit; a key of `OPERATORS`
+    limit: float  # In the unit of the figure
 
     @classmethod
     def parse(cls, text: str) -> "Requirement":

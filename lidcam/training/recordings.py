@@ -165,7 +165,7 @@ class _Kept(RunObserver):
             from_middle(np.array([lidar.T_site_lidar.translation for lidar in self._rig.lidars])),
             true._replace(points=points),
             circles[~counted],
-            EVERYWHERE_M * SQUARE if rules.region is None else np.array(rules.region, np.float64) - middle,
+            np.array(rules.region) - middle if isinstance(rules.region, tuple) else EVERYWHERE_M * SQUARE,
             np.append(-middle, rules.max_range_m or 2 * EVERYWHERE_M),
         )
 

@@ -14,7 +14,7 @@ def is_within(centers: F64, config: EvaluateConfig) -> Bools:
     Truth and results outside do not count. The range is measured along the ground, from the origin of the site frame.
     """
     within = np.ones(len(centers), np.bool_)
-    if config.region is not None:
+    if isinstance(config.region, tuple):
         within &= first_polygon_with([np.array(config.region, np.float64)], centers[:, :2]) == 0
     if config.max_range_m is not None:
         within &= np.hypot(centers[:, 0], centers[:, 1]) <= config.max_range_m

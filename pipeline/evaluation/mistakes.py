@@ -4,7 +4,6 @@ An error lasts: a bench that is taken for a car is taken for one in every frame.
 place, or of one true object, count as one mistake.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -88,10 +87,9 @@ class Mistakes:
         pairs, matches, counted = match_frame(source, truth, self._criteria, self._config.evaluate)
         mistaken = match_other_classes(pairs, position, matches=matches, found=found, truth=truth, is_evaluated=counted)
         at_place = np.where(mistaken >= 0, mistaken, _most_overlapped(pairs, len(found)))
-        now = [
-            *self._false(frame, found, truth, matches, at_place),
-            *self._missed(frame, truth, np.setdiff1d(np.flatnonzero(counted), matches)),
-        ]
+        false, missed = np.flatnonzero(matches == FALSE), np.setdiff1d(np.flatnonzero(counted), matches)
+        now = [self._mistake(frame, found, row, truth, int(at_place[row]), matches) for row in false.tolist()]
+        now += [self._mistake(frame, truth, row, truth, row, matches) for row in missed.tolist()]
         before = self._open
         self._open = [mistake for mistake in before if frame.stamp_ns - mistake.last_ns <= MAX_PAUSE_NS]
         self._closed += [mistake for mistake in before if frame.stamp_ns - mistake.last_ns > MAX_PAUSE_NS]
@@ -112,45 +110,32 @@ class Mistakes:
         }
         return {"mistakes": {self._source: listed}}
 
-    def _false(
-        self, frame: EvaluationFrame, boxes: Boxes3D, truth: TruthBoxes3D, matches: I32, at_place: Indices
-    ) -> Iterator[Mistake]:
-        for row in np.flatnonzero(matches == FALSE).tolist():
-            other, score = int(at_place[row]), float(boxes.scores[row])
-            label, track_id = (str(truth.labels[other]), int(truth.track_ids[other])) if other >= 0 else ("", UNKNOWN)
-            cause = _cause(other, int(boxes.class_ids[row]), truth, matches)
-            facts = {"score": round(score, 4), "lidar_points": None}
-            yield self._mistake("false", frame, boxes, row, label, cause, track_id, score, score, facts)
-
-    def _missed(self, frame: EvaluationFrame, truth: TruthBoxes3D, rows: Indices) -> Iterator[Mistake]:
-        for row in rows.tolist():
-            label, points = str(truth.labels[row]), int(truth.lidar_points[row])
-            facts = {"score": None, "lidar_points": None if points == UNKNOWN else points}
-            yield self._mistake("missed", frame, truth, row, label, None, int(truth.track_ids[row]), 1.0, points, facts)
-
     def _mistake(
         self,
-        kind: Kind,
         frame: EvaluationFrame,
         boxes: Boxes3D | TruthBoxes3D,
         row: int,
-        label: str,
-        cause: Cause | None,
-        track_id: int,
-        weight: float,
-        severity: float,
-        facts: Figures,
+        truth: TruthBoxes3D,
+        other: int,
+        matches: I32,
     ) -> Mistake:
-        """An error of one frame."""
+        """A false detection or a missed object; `other` is the true object at its place, -1 if there is none."""
         stamp_ns, class_id, center = frame.stamp_ns, int(boxes.class_ids[row]), boxes.centers[row]
+        label, track_id = (str(truth.labels[other]), int(truth.track_ids[other])) if other >= 0 else ("", UNKNOWN)
+        score = float(boxes.scores[row]) if isinstance(boxes, Boxes3D) else None
+        cause = None if score is None else _cause(other, class_id, truth, matches)
+        points = UNKNOWN if score is not None else int(truth.lidar_points[row])
         named = {"class": self._config.class_names[class_id], "label": label or None, "cause": cause}
         box: Figures = {
             "worst_frame": frame.index,
             **dict(zip(("x_m", "y_m", "z_m"), np.round(center, 3).tolist(), strict=True)),
             **dict(zip(("length_m", "width_m", "height_m"), np.round(boxes.sizes[row], 3).tolist(), strict=True)),
             "yaw_deg": round(float(np.degrees(boxes.yaws[row])), 1),
-            **facts,
+            "score": None if score is None else round(score, 4),
+            "lidar_points": None if points == UNKNOWN else points,
         }
+        kind: Kind = "missed" if score is None else "false"
+        weight, severity = (1.0, points) if score is None else (score, score)
         times_ns = stamp_ns, stamp_ns
         return Mistake(kind, class_id, track_id, weight, 1, *times_ns, center, severity, stamp_ns, center, named, box)
 

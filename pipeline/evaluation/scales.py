@@ -55,18 +55,23 @@ def range_edges_m(config: Config) -> F64:
     return np.array(DEFAULT_RANGES_M) * (config.classes[0].size_m[0] / REFERENCE_LENGTH_M)
 
 
+def ranges_m(centers: F64) -> F64:
+    """(N,) distances along the ground of centres (N, 3) from the origin of the site frame, metres."""
+    return np.hypot(centers[:, 0], centers[:, 1])
+
+
 def range_names(edges_m: F64) -> tuple[str, ...]:
     """(K,) names of the ranges in figures, as `0_10` and `over_80`."""
     closed = (f"{decimal(near)}_{decimal(far)}" for near, far in pairwise(edges_m.tolist()))
     return (*closed, f"over_{decimal(float(edges_m[-1]))}")
 
 
-def range_rows(ranges_m: F64, edges_m: F64) -> I64:
+def range_rows(distances_m: F64, edges_m: F64) -> I64:
     """(N,) row of the range that holds each distance along the ground; -1 before the first.
 
     A range holds its nearer edge and not its farther one; `edges_m` (K,) rise.
     """
-    return (np.searchsorted(edges_m, ranges_m, side="right") - 1).astype(np.int64)
+    return (np.searchsorted(edges_m, distances_m, side="right") - 1).astype(np.int64)
 
 
 def decimal(number: float) -> str:

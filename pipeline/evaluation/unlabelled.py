@@ -1,13 +1,14 @@
 """Figures without truth: how steady tracks are, and the skew of stamps."""
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, select_rows
+from lidcam.pipeline.core.arrays import F64, I32, I64, select_rows
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figure, Figures, SourceBoxes, in_order
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, Figure, Figures, in_order
 from lidcam.pipeline.evaluation.ignoring import is_within
 from lidcam.pipeline.evaluation.pieces import Pieces
 from lidcam.pipeline.evaluation.scales import is_flip
@@ -17,14 +18,14 @@ MAX_GAP_FRAMES = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _TrackedBoxes:
-    """Boxes that have a track, in the order of time."""
+class _Boxes:
+    """Boxes of one source in the order of time."""
 
-    tracks: I64  # (N,) int64
+    tracks: I64  # (N,) int64, or `UNKNOWN`
     frames: I64  # (N,) int64
     stamps_ns: I64  # (N,) int64
     yaws: F64  # (N,) float64
-    class_ids: I64  # (N,) int64
+    class_ids: I32  # (N,) int32
 
 
 class UnlabelledEvaluation:
@@ -32,23 +33,34 @@ class UnlabelledEvaluation:
 
     def __init__(self, config: Config) -> None:
         self._config = config.evaluate
-        self._sources: dict[str, _Source] = {}
+        self._boxes: dict[str, Pieces[_Boxes]] = {}
+        self._frames = Counter[str]()
         self._skews_ns: list[int] = []
 
     def add(self, frame: EvaluationFrame) -> None:
         """Take in one frame."""
         if frame.skew_ns is not None:
             self._skews_ns.append(frame.skew_ns)
-        for name, found in frame.sources.items():
-            inside = found.select(is_within(found.boxes.centers, self._config))
-            self._sources.setdefault(name, _Source()).add(frame, inside)
+        for name, source in frame.sources.items():
+            found = source.select(is_within(source.boxes.centers, self._config))
+            frames, stamps_ns = np.full((2, len(found)), [[frame.index], [frame.stamp_ns]])
+            boxes = _Boxes(found.track_ids, frames, stamps_ns, found.boxes.yaws, found.boxes.class_ids)
+            self._boxes.setdefault(name, Pieces(_Boxes)).append(boxes)
+            self._frames[name] += 1
 
     def figures(self) -> Figures:
         """`unlabelled.SOURCE` and `sync`."""
         skews_ms = np.array(self._skews_ns, np.float64) / 1e6
         some = len(skews_ms) > 0
+        tables = {name: self._boxes[name].table() for name in in_order(self._boxes)}
         return {
-            "unlabelled": {name: self._sources[name].figures() for name in in_order(self._sources)},
+            "unlabelled": {
+                name: {
+                    "objects": {"per_frame_mean": len(boxes.tracks) / self._frames[name]},
+                    "chains": _chain_figures(select_rows(boxes, boxes.tracks != UNKNOWN)),
+                }
+                for name, boxes in tables.items()
+            },
             "sync": {
                 "skew_mean_ms": float(skews_ms.mean()) if some else None,
                 "skew_max_ms": float(skews_ms.max()) if some else None,
@@ -56,34 +68,8 @@ class UnlabelledEvaluation:
         }
 
 
-class _Source:
-    """The objects of one 3D source."""
-
-    def __init__(self) -> None:
-        self._boxes = Pieces(_TrackedBoxes)
-        self._frames = self._objects = 0
-
-    def add(self, frame: EvaluationFrame, found: SourceBoxes) -> None:
-        self._frames += 1
-        self._objects += len(found)
-        found = found.select(found.track_ids != UNKNOWN)
-        self._boxes.append(
-            _TrackedBoxes(
-                found.track_ids,
-                np.full(len(found), frame.index, np.int64),
-                np.full(len(found), frame.stamp_ns, np.int64),
-                found.boxes.yaws,
-                found.boxes.class_ids.astype(np.int64),
-            )
-        )
-
-    def figures(self) -> Figures:
-        return {"objects": {"per_frame_mean": self._objects / self._frames}, "chains": _chain_figures(self._boxes)}
-
-
-def _chain_figures(pieces: Pieces[_TrackedBoxes]) -> dict[str, Figure]:
+def _chain_figures(boxes: _Boxes) -> dict[str, Figure]:
     """Lengths of tracks and changes within them; a chain of boxes also ends where time does not rise."""
-    boxes = pieces.table()
     boxes = select_rows(boxes, np.lexsort((boxes.frames, boxes.tracks)))
     same = (np.diff(boxes.tracks) == 0) & (np.diff(boxes.stamps_ns) > 0)
     first = np.flatnonzero(np.append(np.ones(min(len(boxes.tracks), 1), np.bool_), ~same))

@@ -81,3 +81,11 @@ def test_results_without_clouds_or_of_one_name_are_told(lidcam: Lidcam, first_re
     assert done.error_line.endswith("found none: process the recording again with output.clouds=true")
     twice = lidcam("export", poor, poor, "--format", "nuscenes", "--out", tmp_path / "other")
     assert twice.error_line.endswith("expected results of different names, found two called poor")
+
+
+def test_true_vans_stay_vans_in_kitti(lidcam: Lidcam, tmp_path: Path) -> None:
+    recording, result = Path(__file__).parents[2] / "bags" / "crossing.mcap", tmp_path / "out.mcap"
+    assert lidcam("process", recording, result, "--duration", 0.1, "--set", CLUSTERS).code == 0
+    assert lidcam("export", result, "--format", "kitti", "--out", tmp_path / "set").code == 0
+    lines = (tmp_path / "set/training/label_2/000000.txt").read_text(encoding="utf-8").splitlines()
+    assert "Van" in [line.split()[0] for line in lines]

@@ -18,7 +18,7 @@ def curves_figure(plots: DetectionPlots, class_names: Sequence[str]) -> Figure:
         for source in plots.sources:
             scores, recall, precision = plots.curve(source, class_id)
             if len(scores):
-                truth[name] = plots.truth_count(class_id)
+                truth[name] = plots.truth_count(source, class_id)
                 traces.append(
                     {
                         "type": "scatter",

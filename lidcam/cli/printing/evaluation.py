@@ -20,6 +20,9 @@ ALL = "all"
 MIN_BLOCKS = 10
 """Fewest blocks of the bootstrap whose interval is wide enough."""
 
+AT_50 = ("pedestrian", "bicycle")
+"""Classes whose average precision is shown at an IoU of 50 %, others at 70 %: as in KITTI."""
+
 Tree = Mapping[str, Any]
 
 
@@ -55,7 +58,7 @@ def _subject(tree: Tree, evaluation: Evaluation) -> str:
     ignored = [f"{counts[name]} {words}" for name, words in reasons.items() if counts[name]]
     return (
         f"{result}: {tree['frames_with_truth']} of {frames} frames have ground truth, from "
-        f"{' and '.join(evaluation.truth.sources)}; {counts['evaluated']} objects evaluated"
+        f"{evaluation.truth}; {counts['evaluated']} objects evaluated"
         + (f", ignored: {', '.join(ignored)}" if ignored else "")
     )
 
@@ -71,18 +74,16 @@ def _found_headline(tree: Tree) -> str:
     if not tree["frames_with_truth"] or not sources:
         return ""
     source = [*sources][-1]
-    figures = sources[source][ALL]
-    if figures["recall"] is None:
+    recall, precision = sources[source][ALL]["recall"], sources[source][ALL]["precision"]
+    if recall is None:
         return ""
-    precision = figures["precision"]
     right = "it reports no boxes" if precision is None else f"{percent(precision)} of its boxes are correct"
-    return f"{source} finds {percent(figures['recall'])} of the ground-truth objects; {right}."
+    return f"{source} finds {percent(recall)} of the ground-truth objects; {right}."
 
 
 def _gain_headline(tree: Tree) -> str:
     """The gain from fusion; empty where there are not two sources to compare."""
-    gains = tree["fusion_gain"].get(ALL, {})
-    gain = gains.get(_key(gains, AP_BEV), {}) if gains else {}
+    gain = _gains(tree["fusion_gain"]).get(ALL, {})
     if gain.get("value") is None:
         return ""
     value, over = gain["value"], f"{gain['over']} alone, seen from above"
@@ -101,20 +102,17 @@ def truth_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
     """Each table of figures that need ground truth, with the lines that explain it."""
     sources: Tree = tree["sources"]
     if tree["frames_with_truth"] and sources:
-        yield _source_table("detection", sources, _detection_columns(sources)), _detection_explained(sources)
-        if any(gains[_key(gains, AP_BEV)]["value"] is not None for gains in tree["fusion_gain"].values()):
+        shown = {source: _with_shown_ap(classes) for source, classes in sources.items()}
+        yield _source_table("detection", shown, _detection_columns(sources)), _detection_explained(sources)
+        if any(gain["value"] is not None for gain in _gains(tree["fusion_gain"]).values()):
             yield _gain_table(tree["fusion_gain"]), _gain_explained(tree["fusion_gain"])
         yield _source_table("errors of matched boxes (metres, degrees)", sources, ERROR_COLUMNS), ERRORS
     if images := {name: classes[ALL] for name, classes in tree["images"].items() if classes[ALL]["truth"]}:
         overlap = _overlap(next(iter(images.values())), "ap_2d_r40_")
         columns = (*IMAGE_COLUMNS, (f"AP 2D {overlap}", f"ap_2d_r40_{overlap}", share))
         yield _figures_table("2D boxes of all classes", ("camera",), images.items(), columns), ()
-    if tree["frames_with_truth"] and tree["tracking"]:
-        tracking: Tree = tree["tracking"]
-        both = {
-            source: {name: {**sources[source][name], **one} for name, one in classes.items()}
-            for source, classes in tracking.items()
-        }
+    if tree["frames_with_truth"] and (tracking := tree["tracking"]):
+        both = {one: {name: {**sources[one][name], **by[name]} for name in by} for one, by in tracking.items()}
         yield _source_table("tracks", tracking, TRACKING_COLUMNS, count="truth_tracks"), ()
         title = "motion and covariance of tracks (m/s, degrees/s)"
         yield _source_table(title, both, MOTION_COLUMNS, count="truth_tracks"), MOTION
@@ -125,21 +123,15 @@ def truth_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
 
 def own_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
     """Each table of figures that need no ground truth."""
-    yield (
-        _figures_table("without ground truth: chains", ("source",), tree["unlabelled"].items(), CHAIN_COLUMNS),
-        CHAINS,
-    )
+    title = "without ground truth: chains"
+    yield _figures_table(title, ("source",), tree["unlabelled"].items(), CHAIN_COLUMNS), CHAINS
 
 
 AP_BEV, AP_3D = "ap_bev_r40_", "ap_3d_r40_"
 
 
-def _digits(digits: int) -> Callable[[Any], str]:
-    return partial(number, digits=digits)
-
-
-def _signed(digits: int) -> Callable[[Any], str]:
-    return partial(signed, digits=digits)
+def _digits(digits: int, form: Callable[..., str] = number) -> Callable[[Any], str]:
+    return partial(form, digits=digits)
 
 
 Columns = Sequence[tuple[str, str, Callable[[Any], str]]]
@@ -151,8 +143,8 @@ ERROR_COLUMNS: Columns = (
     ("heading", "errors.heading_deg.mean", _digits(1)),
     ("flips", "errors.flips", percent),
     ("axis", "errors.heading_mod_180_deg.mean", _digits(1)),
-    ("length", "errors.length_m.bias", _signed(2)),
-    ("width", "errors.width_m.bias", _signed(2)),
+    ("length", "errors.length_m.bias", _digits(2, signed)),
+    ("width", "errors.width_m.bias", _digits(2, signed)),
     ("ECE", "calibration.ece", share),
 )
 ERRORS = (
@@ -202,28 +194,43 @@ CHAINS = (
 
 
 def _detection_columns(sources: Tree) -> Columns:
-    figures = next(iter(sources.values()))[ALL]
-    overlap = _overlap(figures)
     return (
         ("truth", "truth", str),
         ("boxes", "found", str),
         ("recall", "recall", share),
         ("prec.", "precision", share),
         ("false", "false_per_frame", _digits(2)),
-        ("AP bev", f"{AP_BEV}{overlap}", share),
-        ("AP 3D", f"{AP_3D}{overlap}", share),
-        ("mAP", f"{_by_distance(figures)}.map", share),
+        ("AP bev", AP_BEV, share),
+        ("AP 3D", AP_3D, share),
+        ("mAP", f"{_by_distance(next(iter(sources.values()))[ALL])}.map", share),
     )
+
+
+def _with_shown_ap(classes: Tree) -> Tree:
+    """The figures by class, with the average precisions that are shown: of all, the mean over the classes."""
+    found = {name: {**figures, **shown_ap(name, figures)} for name, figures in classes.items()}
+    for view in (AP_BEV, AP_3D):
+        known = [one[view] for name, one in found.items() if name != ALL and one[view] is not None]
+        found[ALL][view] = sum(known) / len(known) if known else None
+    return found
+
+
+def shown_ap(name: str, figures: Tree) -> dict[str, float | None]:
+    """Average precision of a class at the IoU at which it is shown, from above and in 3D, by `AP_BEV` and `AP_3D`."""
+    overlap = _overlap(figures, wanted="50" if name in AT_50 else "70")
+    return {view: figures[f"{view}{overlap}"] for view in (AP_BEV, AP_3D)}
 
 
 def _detection_explained(sources: Tree) -> Iterator[str]:
     """The meanings of the columns, and the rule by which a box matches."""
     classes = next(iter(sources.values()))
     by_distance = _by_distance(classes[ALL])
+    small, large = (_overlap(classes[ALL], wanted=overlap) for overlap in ("50", "70"))
+    overlaps = f"{large} %" if small == large else f"{large} % ({' and '.join(AT_50)}: {small} %)"
     at = "those of nuScenes." if by_distance == "nuscenes" else "four, scaled by the length of the class:"
     yield (
-        "boxes: reported. false: wrong boxes per frame. AP bev, AP 3D: average precision seen from above and in 3D at "
-        f"an IoU of {_overlap(classes[ALL])} %, 40 recalls. mAP: mean over matching distances, {at}"
+        "boxes: reported. false: wrong boxes per frame. AP bev, AP 3D: average precision seen from above and in 3D, 40 "
+        f"recalls, at an IoU of {overlaps}. mAP: mean over matching distances, {at}"
     )
     for name, figures in classes.items():
         if name != ALL and (thresholds := figures[by_distance].get("thresholds")):
@@ -238,12 +245,12 @@ def _detection_explained(sources: Tree) -> Iterator[str]:
 def _gain_table(gains: Tree) -> Table:
     columns = ("AP bev", "from", "to", "AP 3D", "prec.", "recall", "position")
     table = ColumnsTable("gain from fusion, 95 % interval", "class", "over", *columns, text_columns=("over",))
-    shown = {name: one for name, one in gains.items() if one[_key(one, AP_BEV)]["value"] is not None}
+    shown = {name: best for name, best in _gains(gains).items() if best["value"] is not None}
     if len(shown) == 2:
         shown.pop(ALL, None)
-    for name, one in shown.items():
-        best = one[_key(one, AP_BEV)]
-        others = (one[_key(one, AP_3D)], one["precision"], one["recall"])
+    for name, best in shown.items():
+        one = gains[name]
+        others = (_gains(gains, AP_3D)[name], one["precision"], one["recall"])
         table.add_row(
             name,
             best["over"],
@@ -254,10 +261,15 @@ def _gain_table(gains: Tree) -> Table:
     return table
 
 
+def _gains(gains: Tree, view: str = AP_BEV) -> dict[str, Any]:
+    """The gain in average precision, by class."""
+    return {name: one[f"{view}{_overlap(one)}"] for name, one in gains.items()}
+
+
 def _gain_explained(gains: Tree) -> Iterator[str]:
-    yield "over: the better single sensor. + is better, also for position."
-    one, blocks = gains[ALL], gains[ALL]["blocks"]
-    if one[_key(one, AP_BEV)]["low"] is None:
+    blocks, overlap = gains[ALL]["blocks"], _overlap(gains[ALL])
+    yield f"over: the better single sensor. + is better, also for position. AP: at an IoU of {overlap} %."
+    if _gains(gains)[ALL]["low"] is None:
         yield f"There is no interval: a recording of {blocks} s is too short for resampling."
     elif blocks < MIN_BLOCKS:
         yield f"The interval is too narrow: a recording of {blocks} s is short for resampling."
@@ -267,8 +279,8 @@ def _requirements_table(outcomes: Sequence[Outcome]) -> Table:
     table = ColumnsTable("required", "figure", "expected", "found", "", text_columns=("",))
     for outcome in outcomes:
         asked = outcome.requirement
-        found = NONE if outcome.found is None else f"{outcome.found:.4g}"
-        table.add_row(asked.name, f"{asked.sign} {asked.limit:g}", found, "not met" if outcome.failure else "met")
+        found, met = NONE if outcome.found is None else f"{outcome.found:.4g}", "not met" if outcome.failure else "met"
+        table.add_row(asked.name, f"{asked.sign} {asked.limit:g}", found, met)
     return table
 
 
@@ -303,14 +315,10 @@ def _figure(tree: Any, path: str) -> Any:
     return tree
 
 
-def _key(tree: Tree, beginning: str) -> str:
-    return next(name for name in tree if name.startswith(beginning))
-
-
-def _overlap(figures: Tree, beginning: str = AP_BEV) -> str:
-    """The IoU that is shown, in percent: 50 if that is among them, else the last, as in the gain from fusion."""
+def _overlap(figures: Tree, beginning: str = AP_BEV, wanted: str = "50") -> str:
+    """The IoU that is shown, in percent: the wanted one if that is among them, else the last."""
     known = [key.removeprefix(beginning) for key in figures if key.startswith(beginning)]
-    return "50" if "50" in known else known[-1]
+    return wanted if wanted in known else known[-1]
 
 
 def _by_distance(figures: Tree) -> str:

@@ -19,6 +19,7 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.tracks import NO_TRACK
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, TruthBoxes3D
 from lidcam.pipeline.evaluation.ignoring import is_evaluated
+from lidcam.pipeline.evaluation.vans import VAN
 from lidcam.readers.location import Location
 from lidcam.readers.messages.image import decode_any_image
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
@@ -141,7 +142,7 @@ class ResultScene:
             T_fixed_site=found.T_fixed_site,
             cloud=self._cloud(messages),
             images=self._decoded(messages),
-            objects=self._named(_boxes(objects), objects.class_ids, "objects"),
+            objects=self._named(_boxes(objects, self._names[objects.class_ids]), objects.class_ids, "objects"),
             truth=None if found.truth is None else self._true_boxes(found.truth),
         )
 
@@ -184,8 +185,9 @@ class ResultScene:
         self._count("true objects that no sensor sees, or that are not evaluated", ~is_wanted)
         truth = truth.select(is_wanted)
         n = len(truth)
+        is_van = (np.char.lower(truth.labels) == VAN) & (VAN in self._writer.names)
         boxes = DatasetBoxes(
-            np.full(n, ""),
+            np.where(is_van, self._writer.names.get(VAN, ""), self._names[truth.class_ids]),
             truth.centers,
             truth.sizes,
             truth.yaws,
@@ -197,8 +199,7 @@ class ResultScene:
         return self._named(boxes, truth.class_ids, "true objects")
 
     def _named(self, boxes: DatasetBoxes, class_ids: I32, what: str) -> DatasetBoxes:
-        """The boxes by the format's names; those of a class that it has not are left out."""
-        boxes = replace(boxes, names=self._names[class_ids])
+        """The boxes that have a name of the format; those of a class that it has not are left out."""
         is_known = boxes.names != ""
         for class_id in np.unique(class_ids[~is_known]):
             name = self._result.config.object_names[class_id]
@@ -210,9 +211,9 @@ class ResultScene:
             self._writer.left_out[reason] += int(rows.sum())
 
 
-def _boxes(objects: Objects) -> DatasetBoxes:
+def _boxes(objects: Objects, names: npt.NDArray[np.str_]) -> DatasetBoxes:
     return DatasetBoxes(
-        np.full(len(objects), ""),
+        names,
         objects.centers,
         objects.sizes,
         objects.yaws,

@@ -9,7 +9,7 @@ from rich.table import Table
 from lidcam.cli.printing.evaluation import headlines, own_tables, truth_tables
 from lidcam.cli.printing.folding import Folded
 from lidcam.cli.printing.mistakes import mistake_note
-from lidcam.evaluation.evaluate import Progress, evaluate_result, not_shown
+from lidcam.evaluation.evaluate import Progress, evaluate_result, not_shown, within_labels
 from lidcam.evaluation.evaluation import Evaluation, EvaluationJob
 from lidcam.outputs.report import sections
 from lidcam.outputs.report.images import CLOUD_TOPIC, mistake_image
@@ -49,11 +49,12 @@ def make_page(path: Path, show: Progress = not_shown) -> str:
     Raises:
         LidcamError: the result cannot be read.
     """
-    with open_result(path) as result:
+    job = within_labels(EvaluationJob(path))
+    with open_result(path, job.settings) as result:
         names, summary, metadata = result.config.class_names, result.summary, result.metadata
         seen = ReportCollector(result.config, result.rig, is_adrift=result.is_adrift)
         measured = DetectionPlots(result.config)
-        evaluation = evaluate_result(EvaluationJob(path), show, (seen, measured))
+        evaluation = evaluate_result(job, show, (seen, measured))
         tree: Mapping[str, Any] = evaluation.figures.tree
         background = SparseGrid(FIRST_CELL_M, MAX_CELLS) if result.is_adrift else _background(result, seen)
         warnings = [*(RunWarning(**one) for one in summary.get("warnings", ())), *evaluation.warnings]
@@ -157,11 +158,10 @@ def _map_notes(result: Result, seen: ReportCollector, background: SparseGrid) ->
 def _truth_note(evaluation: Evaluation) -> str:
     """How much truth there is; empty without any."""
     tree: Mapping[str, Any] = evaluation.figures.tree
-    truth = evaluation.truth
-    if truth is None or not tree["frames_with_truth"]:
+    if evaluation.truth is None or not tree["frames_with_truth"]:
         return ""
     return (
-        f"{tree['frames_with_truth']} of {tree['frames']} frames have truth, from {' and '.join(truth.sources)}; "
+        f"{tree['frames_with_truth']} of {tree['frames']} frames have truth, from {evaluation.truth}; "
         f"{tree['truth_objects']['evaluated']} true objects count."
     )
 

@@ -21,7 +21,7 @@ class EvaluateConfig(SettingsModel):
             the ranges of nuScenes, and the figures carry its name.
         ranges_m: Edges of the ranges from the origin of the site frame by which figures are grouped; null: 0, 10,
             20, 40 and 80 m, times the length of the first class over 4 m.
-        region: Corners x, y in the site frame of the part that is evaluated; null: everywhere.
+        region: Corners x, y in the site frame of what is evaluated, or `everywhere`; null: where truth is labelled.
         max_range_m: Largest distance from the origin of the site frame that is evaluated; null: no limit.
         min_lidar_points: An object with fewer lidar points and with fewer pixels than `min_image_pixels` is neither a
             miss nor an error. Truth without such counts is evaluated in any case.
@@ -37,7 +37,7 @@ class EvaluateConfig(SettingsModel):
     iou: Annotated[tuple[IouThreshold, ...], Field(min_length=1)] = (0.25, 0.5, 0.7)
     distances: Literal["scaled", "nuscenes"] = "scaled"
     ranges_m: Annotated[tuple[NotNegative, ...], Field(min_length=2)] | None = None
-    region: Corners | None = None
+    region: Corners | Literal["everywhere"] | None = None
     max_range_m: Positive | None = None
     min_lidar_points: Count = 1
     min_image_pixels: Count = 1

@@ -11,11 +11,11 @@ from lidcam.pipeline.evaluation.assignment import pairs_of_equal
 from lidcam.pipeline.evaluation.detection.averages import Averages, mean_figures
 from lidcam.pipeline.evaluation.detection.counts import count_figures
 from lidcam.pipeline.evaluation.detection.curves import average_precision, curve_of, ratio
-from lidcam.pipeline.evaluation.detection.gathering import check_values
 from lidcam.pipeline.evaluation.detection.matching import by_falling_score, match_by_score, ranks_by_score
 from lidcam.pipeline.evaluation.detection.tables import FALSE, IGNORED
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Figures, ImageBoxes, TruthBoxes2D
 from lidcam.pipeline.evaluation.pieces import Pieces
+from lidcam.pipeline.evaluation.vans import Vans, as_found
 
 MIN_IOU = 0.5
 """Smallest IoU of upright rectangles at which a detection is right."""
@@ -37,7 +37,7 @@ class CameraImages:
     """Matches the 2D boxes of one camera, some images at a time, and keeps what the figures need."""
 
     def __init__(self, config: Config) -> None:
-        self._class_names = config.class_names
+        self._class_names, self._vans = config.class_names, Vans(config)
         self._min_pixels = config.evaluate.min_image_pixels
         self._found = Pieces(_Found)
         self._truth_counts = np.zeros(len(config.classes), np.int64)
@@ -47,17 +47,10 @@ class CameraImages:
         self._waiting: list[tuple[ImageBoxes, TruthBoxes2D]] = []
 
     def add(self, image: ImageBoxes) -> None:
-        """Take in one image.
-
-        Raises:
-            ValueError: a class id is none of the configured classes, or a number is not finite.
-        """
+        """Take in one image; the numbers in it are finite, as readers make sure."""
         if image.truth is None:
             self._images_without_truth += 1
             return
-        found, classes = image.found, len(self._class_names)
-        check_values("found", found.class_ids, range(classes), found.xyxy, found.scores)
-        check_values("truth", image.truth.class_ids, range(UNKNOWN, classes), image.truth.xyxy)
         self._images += 1
         self._waiting.append((image, image.truth))
         if len(self._waiting) >= MAX_IMAGES:
@@ -84,7 +77,9 @@ class CameraImages:
         self._waiting = []
         ids = np.concatenate([truth.class_ids for truth in truths])
         evaluated = np.concatenate([self._is_evaluated(truth) for truth in truths])
-        self._found.append(_matched(images, truths, evaluated))
+        found = _matched(images, truths, evaluated, self._vans)
+        self._found.append(found)
+        ids = as_found(ids, found.matches, found.class_ids)
         classes = len(self._class_names)
         self._truth_counts += np.bincount(ids[evaluated], minlength=classes)
         self._ignored_counts += np.bincount(ids[~evaluated] % (classes + 1), minlength=classes + 1)
@@ -109,7 +104,7 @@ class CameraImages:
         return figures, average_precision(curve.right, curve.precision, truth)
 
 
-def _matched(images: Sequence[ImageBoxes], truths: Sequence[TruthBoxes2D], evaluated: Bools) -> _Found:
+def _matched(images: Sequence[ImageBoxes], truths: Sequence[TruthBoxes2D], evaluated: Bools, vans: Vans) -> _Found:
     """Match the detections of at least one image; `evaluated` (T,) are the objects of all images that have to be found.
 
     A false detection is ignored if an ignored object of any class, or a region that nobody labelled, holds as large a
@@ -120,10 +115,12 @@ def _matched(images: Sequence[ImageBoxes], truths: Sequence[TruthBoxes2D], evalu
     scores = np.concatenate([image.found.scores for image in images])
     true_xyxy = np.concatenate([truth.xyxy for truth in truths]).astype(np.float64)
     true_ids = np.concatenate([truth.class_ids for truth in truths])
+    is_van = vans.among(true_ids, np.concatenate([truth.labels for truth in truths]))
     found, shown = pairs_of_equal(_numbers([len(image.found) for image in images]), _numbers(list(map(len, truths))))
     iou, share = _overlaps(xyxy[found], true_xyxy[shown])
     order = np.lexsort((shown, -iou, found))
-    rows = order[(evaluated[shown] & (class_ids[found] == true_ids[shown]) & (iou >= MIN_IOU))[order]]
+    fits = vans.fit(true_ids[shown], is_van[shown], class_ids[found])
+    rows = order[(evaluated[shown] & fits & (iou >= MIN_IOU))[order]]
     matches = match_by_score(found[rows], shown[rows], ranks_by_score(scores), len(true_ids))
     ignored = np.zeros(len(scores), np.bool_)
     ignored[found[~evaluated[shown] & (share >= MIN_IOU)]] = True

@@ -9,6 +9,7 @@ from lidcam.pipeline.core.arrays import F64, I32, Bools
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.near_objects import NEAR_M, Candidates, Measure
 from lidcam.pipeline.evaluation.scales import length_scales
+from lidcam.pipeline.evaluation.vans import Vans
 
 DISTANCES_M = (0.5, 1.0, 2.0, NEAR_M)
 """Distances of the centres below which a detection counts as right (Caesar et al., nuScenes, CVPR 2020, 3.1)."""
@@ -40,11 +41,13 @@ class Criteria:
     scales: F64  # (C,) float64 by class, factor of all distances
     # `scaled` or `nuscenes`, which also says by whose rules the figures by distance ignore objects
     distances: Literal["scaled", "nuscenes"]
+    vans: Vans  # Which true objects may be of two classes
 
     @classmethod
     def of(cls, config: Config) -> "Criteria":
         """The criteria that the settings ask for."""
-        return cls(tuple(dict.fromkeys(config.evaluate.iou)), length_scales(config), config.evaluate.distances)
+        ious, scales = tuple(dict.fromkeys(config.evaluate.iou)), length_scales(config)
+        return cls(ious, scales, config.evaluate.distances, Vans(config))
 
     @property
     def by_overlap(self) -> tuple[Criterion, ...]:

@@ -24,11 +24,7 @@ class DetectionEvaluation:
         self._images: dict[str, CameraImages] = {}
 
     def add(self, frame: EvaluationFrame) -> None:
-        """Take in one frame.
-
-        Raises:
-            ValueError: a class id is none of the configured classes, or a number is not finite.
-        """
+        """Take in one frame."""
         self._gathering.add(frame)
         for camera, image in frame.images.items():
             self._images.setdefault(camera, CameraImages(self._config)).add(image)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, F64, I32, Bools
+from lidcam.pipeline.core.arrays import F64, I32, Bools
 from lidcam.pipeline.core.geometry.polygons import first_polygon_with
 from lidcam.pipeline.core.rig import Zone
 from lidcam.pipeline.core.settings.config import Config
@@ -12,11 +12,11 @@ from lidcam.pipeline.evaluation.detection.criteria import Criteria
 from lidcam.pipeline.evaluation.detection.errors import Column, errors_of_pairs
 from lidcam.pipeline.evaluation.detection.matching import match_criteria, match_other_classes
 from lidcam.pipeline.evaluation.detection.tables import FALSE, FoundTable, Labels, TruthTable
-from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
 from lidcam.pipeline.evaluation.ignoring import is_counted, is_evaluated, is_within
 from lidcam.pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
 from lidcam.pipeline.evaluation.pieces import Pieces
-from lidcam.pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_rows
+from lidcam.pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_rows, ranges_m
 from lidcam.pipeline.evaluation.true_motion import ground_poses, ground_turns
 
 _MAX_FRAMES = 128
@@ -41,7 +41,6 @@ class Gathering:
         self._criteria = Criteria.of(config)
         self._edges_m = range_edges_m(config)
         self._polygons = [zone.polygon_site for zone in zones]
-        self._class_count = len(config.classes)
         self._nuscenes_m = nuscenes_ranges_m(config)
         self._parts_shape = (len(self._edges_m) + len(zones),)
         self._truth = Pieces(TruthTable, parts=self._parts_shape, poses=(3,))
@@ -51,11 +50,7 @@ class Gathering:
         self._waiting_pairs = 0
 
     def add(self, frame: EvaluationFrame) -> None:
-        """Take in one frame.
-
-        Raises:
-            ValueError: a class id is none of the configured classes, or a number is not finite.
-        """
+        """Take in one frame; the numbers in it are finite, as readers make sure."""
         for source in frame.sources:
             if source not in self._found:
                 self._found[source] = Pieces(
@@ -90,14 +85,10 @@ class Gathering:
         first = len(self.stamps_ns)
         self.stamps_ns.extend(frame.stamp_ns for frame in frames)
         truth = TrueObjects.of([frame.truth for frame in frames if frame.truth is not None], first)
-        true = truth.boxes
-        check_values("truth", true.class_ids, range(UNKNOWN, self._class_count), true.centers, true.sizes, true.yaws)
         poses = [frame.T_fixed_site for frame in frames]
         table = self._truth_table(truth, poses)
         for source, pieces in self._found.items():
             found = FoundObjects.of([frame.sources.get(source) for frame in frames], first)
-            numbers = found.boxes.centers, found.boxes.sizes, found.boxes.scores
-            check_values(source, found.boxes.class_ids, range(self._class_count), *numbers)
             pieces.append(self._found_table(found, truth, table, poses))
         self._truth.append(table)
         self._truth_count += len(truth)
@@ -105,7 +96,7 @@ class Gathering:
     def _truth_table(self, truth: TrueObjects, poses: Sequence[F64 | None]) -> TruthTable:
         boxes, first = truth.boxes, len(self.stamps_ns) - len(poses)
         has_points = boxes.lidar_points != 0
-        is_near = _ranges_m(boxes.centers) < np.append(self._nuscenes_m, 0.0)[boxes.class_ids]
+        is_near = ranges_m(boxes.centers) < np.append(self._nuscenes_m, 0.0)[boxes.class_ids]
         return TruthTable(
             frames=truth.frames,
             class_ids=boxes.class_ids,
@@ -127,7 +118,7 @@ class Gathering:
         matches = match_criteria(
             pairs,
             [*criteria.by_overlap, *criteria.by_distance],
-            position=criteria.position,
+            rules=criteria,
             found=boxes,
             truth=truth.boxes,
             is_evaluated=table.is_evaluated,
@@ -166,12 +157,12 @@ class Gathering:
         self, pairs: Candidates, found: FoundObjects, truth: TrueObjects, table: TruthTable, is_outside: Bools
     ) -> I32:
         # nuScenes takes away what is too far and what no lidar hits before it matches; it ignores nothing
-        is_left = ~is_outside & (_ranges_m(found.boxes.centers) < self._nuscenes_m[found.boxes.class_ids])
+        is_left = ~is_outside & (ranges_m(found.boxes.centers) < self._nuscenes_m[found.boxes.class_ids])
         at_ignored = truth.boxes.is_ignored | table.is_nuscenes
         return match_criteria(
             pairs.select(is_left[pairs.found] & at_ignored[pairs.truth]),
             self._criteria.by_distance,
-            position=self._criteria.position,
+            rules=self._criteria,
             found=found.boxes,
             truth=truth.boxes,
             is_evaluated=table.is_nuscenes,
@@ -181,25 +172,8 @@ class Gathering:
     def _parts(self, centers: F64) -> Bools:
         """(N, P) parts of the site in which centres lie."""
         ranges, zones = (
-            range_rows(_ranges_m(centers), self._edges_m),
+            range_rows(ranges_m(centers), self._edges_m),
             first_polygon_with(self._polygons, centers[:, :2]),
         )
         in_range = ranges[:, None] == np.arange(len(self._edges_m))
         return np.hstack([in_range, zones[:, None] == np.arange(len(self._polygons))])
-
-
-def check_values(name: str, class_ids: I32, expected_ids: range, *numbers: F64 | F32) -> None:
-    """Check what a comparison would not notice.
-
-    Raises:
-        ValueError: a class is not in the expected range, or a number is not finite.
-    """
-    if not all(np.isfinite(array).all() for array in numbers):
-        raise ValueError(f"{name}: expected finite numbers in boxes and scores")
-    if len(class_ids) and not (class_ids.min() in expected_ids and class_ids.max() in expected_ids):
-        found = f"{class_ids.min()} to {class_ids.max()}"
-        raise ValueError(f"{name}: class ids {found}, expected {expected_ids.start} to {expected_ids.stop - 1}")
-
-
-def _ranges_m(centers: F64) -> F64:
-    return np.hypot(centers[:, 0], centers[:, 1])

@@ -12,6 +12,7 @@ from lidcam.pipeline.evaluation.detection.tables import FALSE, IGNORED
 from lidcam.pipeline.evaluation.evaluation_frame import SourceBoxes, TruthBoxes3D
 from lidcam.pipeline.evaluation.ignoring import is_evaluated, is_within
 from lidcam.pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
+from lidcam.pipeline.evaluation.vans import as_found
 
 
 def by_falling_score(scores: F32) -> Indices:
@@ -61,7 +62,7 @@ def match_criteria(
     pairs: Candidates,
     criteria: Sequence[Criterion],
     *,
-    position: Criterion,
+    rules: Criteria,
     found: Boxes3D,
     truth: TruthBoxes3D,
     is_evaluated: Bools,
@@ -69,13 +70,14 @@ def match_criteria(
 ) -> I32:
     """Matches of detections with true objects of their class, under each of several criteria.
 
+    A van is of the class of the detection that it is matched with by `position`, under all criteria.
     A detection that shows no evaluated object, but, by the criterion or by `position`, one of any class that is not
     evaluated, is neither right nor wrong; several may show the same such object.
 
     Args:
         pairs: Pairs that may belong together.
         criteria: K of them.
-        position: By which a detection may show an object that is not evaluated.
+        rules: What is a van, and by which position a detection may show an object that is not evaluated.
         found: N detections.
         truth: T true objects.
         is_evaluated: (T,) of the true objects.
@@ -84,10 +86,15 @@ def match_criteria(
     Returns:
         (N, K) int32, row of the true object, `FALSE` or `IGNORED`.
     """
-    ranks = ranks_by_score(found.scores)
-    evaluated = is_evaluated[pairs.truth]
-    same = evaluated & (found.class_ids[pairs.found] == truth.class_ids[pairs.truth])
-    kept, others = pairs.select(same), pairs.select(~evaluated)
+    ranks, position, vans = ranks_by_score(found.scores), rules.position, rules.vans
+    evaluated, found_ids = is_evaluated[pairs.truth], found.class_ids[pairs.found]
+    is_van, class_ids = vans.among(truth.class_ids, truth.labels), truth.class_ids
+    if is_van.any():
+        fits = evaluated & vans.fit(class_ids[pairs.truth], is_van[pairs.truth], found_ids)
+        near = pairs.select(fits & position.holds(pairs, found_ids))
+        near = near.select(near.best_first(position.measure))
+        class_ids = as_found(class_ids, match_by_score(near.found, near.truth, ranks, len(truth)), found.class_ids)
+    kept, others = pairs.select(evaluated & (found_ids == class_ids[pairs.truth])), pairs.select(~evaluated)
     kept_ids, other_ids = found.class_ids[kept.found], truth.class_ids[others.truth]
     other_ids = np.where(other_ids < 0, found.class_ids[others.found], other_ids)
     at_position = position.holds(others, other_ids)
@@ -115,7 +122,7 @@ def match_frame(
     pairs = pairs_near(FoundObjects.of([source], 0), TrueObjects.of([truth], 0), criteria.scales)
     is_ignored = ~is_within(found.centers, config)
     matches = match_criteria(
-        pairs, [position], position=position, found=found, truth=truth, is_evaluated=counted, is_ignored=is_ignored
+        pairs, [position], rules=criteria, found=found, truth=truth, is_evaluated=counted, is_ignored=is_ignored
     )
     return pairs, matches[:, 0], counted
 

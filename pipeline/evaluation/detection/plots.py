@@ -12,12 +12,10 @@ from lidcam.pipeline.evaluation.detection.tables import FALSE
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Figures
 from lidcam.pipeline.evaluation.ignoring import is_evaluated
 from lidcam.pipeline.evaluation.pieces import Pieces
+from lidcam.pipeline.evaluation.vans import as_found
 
 SCORES = 200
 """Steps of the score, and points of a curve of precision over recall."""
-
-MAX_PLACES = 200_000
-"""Matches whose places are kept; beyond it every second one goes, again and again."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +27,7 @@ class Places:
 
 
 class DetectionPlots:
-    """Gathers counts and errors over the frames of a result; memory is bounded.
+    """Gathers counts and errors over the frames of a result; keeps 24 bytes of each true object.
 
     A detection is right as for precision and recall: `Criteria.position`.
     """
@@ -37,21 +35,22 @@ class DetectionPlots:
     def __init__(self, config: Config) -> None:
         self._config, self._criteria = config, Criteria.of(config)
         self._counts: dict[str, I64] = {}
-        self._truth = np.zeros(len(config.classes), np.int64)
+        self._truth: dict[str, I64] = {}
         self._places = Pieces(Places, xy=(2,))
-        self._kept, self._step, self._frames = 0, 1, 0
 
     def add(self, frame: EvaluationFrame) -> None:
         """Take in one frame; those without truth are left out."""
         if frame.truth is None:
             return
         counted = is_evaluated(frame.truth, self._config.evaluate)
-        self._truth += np.bincount(frame.truth.class_ids[counted], minlength=len(self._truth))
         for name, source in frame.sources.items():
             found, truth = source.boxes, frame.truth
             _, matches, _ = match_frame(source, truth, self._criteria, self._config.evaluate)
             bins = np.clip(found.scores * SCORES, 0, SCORES - 1).astype(np.intp)
-            counts = self._counts.setdefault(name, np.zeros((len(self._truth), SCORES, 2), np.int64))
+            classes = len(self._config.classes)
+            shown = as_found(truth.class_ids, matches, found.class_ids)
+            self._truth[name] = self._truth.get(name, 0) + np.bincount(shown[counted], minlength=classes)
+            counts = self._counts.setdefault(name, np.zeros((classes, SCORES, 2), np.int64))
             for column, rows in enumerate((matches >= 0, matches == FALSE)):
                 np.add.at(counts[:, :, column], (found.class_ids[rows], bins[rows]), 1)
             if name == "fused":
@@ -59,29 +58,16 @@ class DetectionPlots:
                 errors = np.full(len(truth), np.nan)
                 gaps = found.centers[right, :2] - truth.centers[matches[right], :2]
                 errors[matches[right]] = np.hypot(gaps[:, 0], gaps[:, 1])
-                self._keep(Places(truth.centers[counted, :2], errors[counted]))
-        self._frames += 1
-
-    def _keep(self, places: Places) -> None:
-        if self._frames % self._step:
-            return
-        self._places.append(places)
-        self._kept += len(places.errors_m)
-        if self._kept > MAX_PLACES:
-            self._step *= 2
-            table = self._places.table()
-            self._places = Pieces(Places, xy=(2,))
-            self._places.append(Places(table.xy[::2], table.errors_m[::2]))
-            self._kept = len(self._places.table().errors_m)
+                self._places.append(Places(truth.centers[counted, :2], errors[counted]))
 
     @property
     def places(self) -> Places:
-        """Places and errors of true objects; of a long result, a share of them."""
+        """Places and errors of true objects."""
         return self._places.table()
 
     def curve(self, source: str, class_id: int) -> tuple[F64, F64, F64]:
         """Scores (P,), falling, and recall and precision of what has that score or more; empty without true objects."""
-        counts, truth = self._counts[source][class_id, ::-1], int(self._truth[class_id])
+        counts, truth = self._counts[source][class_id, ::-1], int(self._truth[source][class_id])
         right, false = counts.cumsum(0).T
         some = (counts.sum(1) > 0) & (truth > 0)
         scores = np.arange(SCORES - 1, -1, -1) / SCORES
@@ -92,9 +78,9 @@ class DetectionPlots:
         """Sources that were compared with truth."""
         return tuple(self._counts)
 
-    def truth_count(self, class_id: int) -> int:
-        """True objects of a class that had to be found."""
-        return int(self._truth[class_id])
+    def truth_count(self, source: str, class_id: int) -> int:
+        """True objects of a class that a source had to find."""
+        return int(self._truth[source][class_id])
 
     def figures(self) -> Figures:
         """None: the plots are read by themselves."""

@@ -36,6 +36,7 @@ from lidcam.pipeline.evaluation.detection.tables import FALSE, IGNORED, FoundTab
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Figures
 from lidcam.pipeline.evaluation.scales import range_edges_m, range_names
 from lidcam.pipeline.evaluation.true_motion import has_moved, true_velocities
+from lidcam.pipeline.evaluation.vans import as_found
 
 _POINTS = {"0": (0, 0), "1_5": (1, 5), "6_20": (6, 20), "21_50": (21, 50), "51_200": (51, 200), "over_200": (201, None)}
 
@@ -110,6 +111,9 @@ class Source:
     def __init__(self, site: Site, found: FoundTable) -> None:
         self.site = site
         self.found = found
+        self.class_ids = as_found(
+            site.truth.class_ids, found.matches[:, site.criteria.position_column], found.class_ids
+        )
         self._orders: dict[int | None, Indices] = {}
         self._scored: dict[int, Scored] = {}
         self._scored_class: int | None = None
@@ -124,7 +128,7 @@ class Source:
 
     def is_evaluated(self, class_id: int | None) -> Bools:
         """(T,) which true objects of a class are evaluated."""
-        return self.site.truth.is_evaluated & _is_of(self.site.truth.class_ids, class_id)
+        return self.site.truth.is_evaluated & _is_of(self.class_ids, class_id)
 
     def curve(self, class_id: int | None) -> Curve:
         """The curve by position of a class."""
@@ -189,7 +193,7 @@ class Source:
         criteria = site.criteria
         detections = {column: self.scored(class_id, column).within(part) for column in criteria.distance_columns}
         if criteria.distances == "nuscenes":
-            count = site.count(site.truth.is_nuscenes & _is_of(site.truth.class_ids, class_id), part)
+            count = site.count(site.truth.is_nuscenes & _is_of(self.class_ids, class_id), part)
             return nuscenes_figures(criteria, detections, self.found, count, site.class_names[class_id])
         count = site.count(self.is_evaluated(class_id), part)
         return distance_figures(criteria, detections, self.found, count, float(criteria.scales[class_id]))
@@ -197,7 +201,7 @@ class Source:
     def _pooled(self, class_id: int | None, part: int | None) -> dict[str, Figures | float | int | None]:
         site, found = self.site, self.found
         position = site.criteria.position_column
-        left_out = ~site.truth.is_evaluated & _is_of(site.truth.class_ids, class_id)
+        left_out = ~site.truth.is_evaluated & _is_of(self.class_ids, class_id)
         detections = self.scored(class_id, position).within(part)
         is_ignored = (found.matches[:, position] == IGNORED) & _is_of(found.class_ids, class_id)
         ignored = int((is_ignored if part is None else is_ignored & found.parts[:, part]).sum())

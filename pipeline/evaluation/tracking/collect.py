@@ -5,6 +5,7 @@ once, and only what the figures need is kept: a few numbers a box, and the pairs
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from lidcam.pipeline.evaluation.pieces import Pieces
 from lidcam.pipeline.evaluation.scales import length_scales
 from lidcam.pipeline.evaluation.tracking.table import TrackRows, TrackTable
 from lidcam.pipeline.evaluation.true_motion import ground_poses
+from lidcam.pipeline.evaluation.vans import Vans
 
 MAX_DISTANCE_M = 2.0
 """Distance from which on nothing is matched (nuScenes tracking task), for objects as long as a car."""
@@ -47,6 +49,7 @@ class Collection:
         self._stamps_ns: list[int] = []
         self._truth = Pieces(TrackRows, poses=(3,))
         self._truth_count = 0
+        self._vans, self._is_van = Vans(config), [np.zeros(0, np.bool_)]
         self._tracked_truth = self._untracked_truth = 0
         self._sources: dict[str, _Source] = {}
 
@@ -72,7 +75,8 @@ class Collection:
             source = self._sources[name]
             if source.has_tracks:
                 classes = range(len(self._config.classes))
-                yield name, tuple(self._table(stamps_ns, truth, source, class_id) for class_id in classes)
+                of_source = replace(truth, class_ids=self._classes_of(truth, source))
+                yield name, tuple(self._table(stamps_ns, of_source, source, class_id) for class_id in classes)
 
     def _close_block(self) -> None:
         frames, self._frames = self._frames, []
@@ -95,6 +99,7 @@ class Collection:
         boxes, no_scores = counted.boxes, no_scores[: len(counted)]
         poses = ground_poses(boxes.centers, boxes.yaws, counted.frames, T_fixed_site, first)
         self._truth.append(TrackRows.of(counted.frames, boxes, boxes.class_ids, boxes.track_ids, no_scores, poses))
+        self._is_van.append(self._vans.among(boxes.class_ids, boxes.labels))
         self._truth_count += len(counted)
 
     def _add_found(self, source: _Source, found: FoundObjects, counted: TrueObjects, ignored: TrueObjects) -> None:
@@ -105,7 +110,9 @@ class Collection:
         found = select_rows(found, rows)
         class_ids, scores = found.boxes.class_ids, scores[rows]
         pairs = pairs_near(found, counted, self._scales)
-        pairs = pairs.select(counted.boxes.class_ids[pairs.truth] == class_ids[pairs.found])
+        true_ids = counted.boxes.class_ids
+        is_van = self._vans.among(true_ids, counted.boxes.labels)
+        pairs = pairs.select(self._vans.fit(true_ids[pairs.truth], is_van[pairs.truth], class_ids[pairs.found]))
         kept = is_within(found.boxes.centers, self._config.evaluate)
         beside = pairs_near(found, ignored, self._scales)
         kept[beside.found[beside.distances_m < self._max_distances_m[class_ids[beside.found]]]] = False
@@ -120,6 +127,17 @@ class Collection:
         rows_so_far = pairs.truth + self._truth_count, pairs.found + source.count
         source.pairs.append(Candidates(*rows_so_far, pairs.bev, pairs.volume, pairs.distances_m))
         source.count += len(found)
+
+    def _classes_of(self, truth: TrackRows, source: _Source) -> I32:
+        """(T,) classes of true objects; a van is at all times of the class whose boxes there have the most score."""
+        is_van, pairs, found = np.concatenate(self._is_van), source.pairs.table(), source.found.table()
+        found_ids = found.class_ids[pairs.found]
+        at_van = is_van[pairs.truth] & (pairs.distances_m < self._max_distances_m[found_ids])
+        _, numbers = np.unique(truth.tracks, return_inverse=True)
+        votes = np.zeros((numbers.max(initial=-1) + 1, len(self._config.classes)))
+        np.add.at(votes, (numbers[pairs.truth[at_van]], found_ids[at_van]), found.scores[pairs.found[at_van]])
+        is_shown = is_van & (votes.sum(1) > 0)[numbers]
+        return np.where(is_shown, votes.argmax(1)[numbers], truth.class_ids).astype(np.int32)
 
     def _table(self, stamps_ns: I64, truth: TrackRows, source: _Source, class_id: int) -> TrackTable:
         found = source.found.table()

@@ -18,11 +18,8 @@ from perturbed_results import perturbed
 from lidcam.cli.evaluate import evaluate
 from lidcam.cli.process import run_process
 from lidcam.evaluation.requirement import read_requirements
-from lidcam.pipeline.core.errors import (
-    CheckError,
-    IncompleteError,
-    RecordingError,
-)
+from lidcam.pipeline.core.errors import CheckError, IncompleteError, RecordingError
+from lidcam.pipeline.evaluation.labelled_part import LabelledPart, LabelledPartSearch
 from lidcam.run.job import make_job
 
 SANDBOX = ROOT / "bags" / "sandbox.bag"
@@ -62,7 +59,6 @@ def test_tables(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
         "out.mcap: 4 of 4 frames have ground truth, from /ground_truth/objects of out.mcap (by its name); 8 objects"
     )
     assert "\ndetection\nclass  source   truth  boxes  recall  prec.  false  AP bev  AP 3D   mAP\ncar    lidar" in out
-    assert "errors of matched boxes (metres, degrees)" in out
     assert re.search(r"\n       cameras      8 ", out)
     assert re.search(r"\ngain from fusion, 95 % interval\nclass  over +AP bev", out)
     assert re.search(r"\ncar    (lidar|cameras) +[+-]\d\.\d\d     -   -  ", out)  # too short for an interval
@@ -111,6 +107,17 @@ def test_settings_of_the_evaluation(result: Path, tmp_path: Path, capsys: pytest
     assert [warning["subject"] for warning in tree["warnings"]] == ["truth"]
 
 
+def test_truth_of_one_view(result: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(LabelledPartSearch, "add", lambda *_: True)
+    monkeypatch.setattr(LabelledPartSearch, "found", lambda _: LabelledPart("cam11", [[0, 0], [9, 0], [9, 9]], 0.5))
+    evaluated(result)
+    assert ", labelled only in the view of cam11, up to 0.5 m (evaluate.region=every" in capsys.readouterr().out
+    for settings, outside in (([], 8), (["evaluate.region=everywhere"], 0)):
+        evaluated(result, settings=settings, as_json=True)
+        tree = valid(capsys.readouterr().out)
+        assert (bool(tree["truth"]["labelled"]), tree["truth_objects"]["outside"]) == (outside > 0, outside)
+
+
 @pytest.mark.parametrize(("use", "truth", "ignored"), [("count", 8, 0), ("ignore", 0, 8)])
 def test_zones_of_a_rig_file(
     result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], use: str, truth: int, ignored: int
@@ -140,8 +147,7 @@ def test_a_damaged_result_is_incomplete(tmp_path: Path, capsys: pytest.CaptureFi
     damaged.write_bytes(content)
     with pytest.raises(IncompleteError, match=r"damaged.mcap: damaged"):
         evaluated(damaged, as_json=True)
-    tree = valid(capsys.readouterr().out)
-    assert tree["exit_code"] == 3
+    assert valid(capsys.readouterr().out)["exit_code"] == 3
 
 
 def test_process_and_evaluate_in_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

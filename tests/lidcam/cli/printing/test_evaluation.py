@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from evaluation_frames import frame_of, rows_at, source_boxes, truth_boxes
 
-from lidcam.cli.printing.evaluation import print_evaluation
+from lidcam.cli.printing.evaluation import AP_3D, AP_BEV, print_evaluation, shown_ap
 from lidcam.cli.printing.terminal import console
 from lidcam.evaluation.evaluation import Evaluation, Truth
 from lidcam.evaluation.evaluators import evaluators_of, measure
@@ -57,7 +57,7 @@ def printed(
         (InputFile("a/out.mcap", "out.mcap", 1, "0" * 64),),
         "defaults",
         "0" * 64,
-        Truth(("/truth of out.mcap",), ()) if has_truth else None,
+        Truth("/truth of out.mcap", ()) if has_truth else None,
         tuple(requirement.check(figures) for requirement in read_requirements(requirements)),
         tuple(RunWarning("fused", warning, "try this") for warning in warnings),
         ("a note",),
@@ -79,12 +79,7 @@ SHORT = "; the recording is too short for a confidence interval."
         ([], [CAR_AT], 20, f"Fusion adds 1.00 AP over {OVER}{SHORT}"),
         ([], [CAR_AT], 60, f"Fusion adds 1.00 AP (+1.00 to +1.00) over {OVER}."),
         ([CAR_AT], [], 60, f"Fusion removes 1.00 AP (-1.00 to -1.00) from {OVER}."),
-        (
-            [CAR_AT],
-            [CAR_AT],
-            60,
-            f"No significant change in AP from fusion: +0.00 (+0.00 to +0.00) over {OVER}.",
-        ),
+        ([CAR_AT], [CAR_AT], 60, f"No significant change in AP from fusion: +0.00 (+0.00 to +0.00) over {OVER}."),
     ],
 )
 def test_the_headline(lidar: list[Place], fused: list[Place], count: int, told: str) -> None:
@@ -104,6 +99,11 @@ def test_the_headline(lidar: list[Place], fused: list[Place], count: int, told: 
 def test_how_much_is_found_comes_first(fused: list[Place], told: str) -> None:
     text = printed(frames(lidar=[CAR_AT], fused=fused, truth=[CAR_AT, (60.0, 0.0)]))
     assert text.splitlines()[1] == told
+
+
+def test_average_precision_is_shown_at_the_overlap_of_kitti() -> None:
+    figures = {f"{view}{iou}": iou / 100 for view in (AP_BEV, AP_3D) for iou in (25, 50, 70)}
+    assert [shown_ap(name, figures)[AP_3D] for name in ("car", "bicycle")] == [0.7, 0.5]
 
 
 def test_without_truth() -> None:

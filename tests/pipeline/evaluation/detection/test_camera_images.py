@@ -75,20 +75,6 @@ def test_boxes_without_extent_overlap_nothing() -> None:
     assert counts(tree) == {"truth": 1, "found": 1, "missed": 1, "false": 1}
 
 
-@pytest.mark.parametrize(
-    ("shown", "message"),
-    [
-        (image(BOX, [0.9], [5], truth2d([], [])), "found: class ids 5 to 5, expected 0 to 4"),
-        (image([], [], [], truth2d(BOX, [5])), "truth: class ids 5 to 5, expected -1 to 4"),
-        (image(BOX, [np.nan], [CAR], truth2d([], [])), "found: expected finite numbers"),
-        (image([], [], [], truth2d((0, 0, np.inf, 1), [CAR])), "truth: expected finite numbers"),
-    ],
-)
-def test_what_cannot_be_compared_is_refused(shown: ImageBoxes, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        figures(shown)
-
-
 def plain_counts(shown: ImageBoxes, limit: float) -> tuple[int, int]:
     """Right and false detections of the class 0, by falling score, each object once."""
     assert shown.truth is not None

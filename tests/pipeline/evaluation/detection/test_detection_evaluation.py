@@ -212,17 +212,3 @@ def test_frames_matched_together_are_as_if_matched_alone(monkeypatch: pytest.Mon
     for name, limit in (("_MAX_FRAMES", 2), ("_MAX_PAIRS", 1)):
         monkeypatch.setattr(f"lidcam.pipeline.evaluation.detection.gathering.{name}", limit)
         assert evaluated(frames, config()) == together
-
-
-@pytest.mark.parametrize(
-    ("true", "boxes", "message"),
-    [
-        (truth((1, 0), class_ids=[2]), found(), "truth: class ids 2 to 2, expected -1 to 1"),
-        (truth(), found((1, 0, 0.5), class_ids=[-1]), "lidar: class ids -1 to -1, expected 0 to 1"),
-        (truth((np.nan, 0)), found(), "truth: expected finite numbers"),
-        (truth(), found((1, 0, np.nan)), "lidar: expected finite numbers"),
-    ],
-)
-def test_what_cannot_be_compared_is_refused(true: TruthBoxes3D, boxes: SourceBoxes, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        figures(true, boxes)

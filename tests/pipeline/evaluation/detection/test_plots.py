@@ -3,11 +3,9 @@
 from typing import Any
 
 import numpy as np
-import pytest
 from evaluation_frames import frame_of, source_boxes, truth_boxes
 
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.evaluation.detection import plots as plots_module
 from lidcam.pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
 from lidcam.pipeline.evaluation.detection.plots import DetectionPlots
 
@@ -41,15 +39,6 @@ def test_curves_end_where_precision_and_recall_are() -> None:
     scores, recall, precision = plots.curve("fused", CAR)
     assert (np.diff(scores) < 0).all()
     np.testing.assert_allclose([recall[-1], precision[-1]], [figures["recall"], figures["precision"]])
-    assert plots.truth_count(CAR) == len(plots.places.errors_m) == figures["truth"] == 120
+    assert plots.truth_count("fused", CAR) == len(plots.places.errors_m) == figures["truth"] == 120
     found_m = plots.places.errors_m[~np.isnan(plots.places.errors_m)]
     np.testing.assert_allclose(found_m.mean(), figures["errors"]["position_bev_m"]["mean"], rtol=1e-6)
-
-
-def test_places_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plots_module, "MAX_PLACES", 50)
-    plots = DetectionPlots(CONFIG)
-    for index in range(300):
-        plots.add(frame_of(index, truth_boxes([row(0), row(20)], [1, 2]), {"fused": source_boxes([row(0.5)])}))
-    assert 10 < len(plots.places.errors_m) <= 50
-    assert plots.truth_count(CAR) == 600
