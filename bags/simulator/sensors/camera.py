@@ -53,7 +53,7 @@ class Camera:
     def __init__(
         self, name: str, scenario: CameraScenario, body: Path, scene: Scene, sun: SunScenario, seed: int
     ) -> None:
-        self.name, self._scenario = name, scenario
+        self.name, self.scenario = name, scenario
         self.model: CameraModel = camera_model(scenario)
         self._path, self._fixed = MountedPath(body, T_BODY_OPTICAL), isinstance(body, FixedPath)
         self._scene, self._lens, self._light = scene, Lens(self.model), Light(sun, scene.palette)
@@ -67,7 +67,7 @@ class Camera:
     @property
     def after_ns(self) -> int:
         """Time from the middle of an exposure to its end; movers must be known until then."""
-        return round(self._scenario.exposure_ms * 5e5) if self._scenario.motion_blur else 0
+        return round(self.scenario.exposure_ms * 5e5) if self.scenario.motion_blur else 0
 
     def image(self, number: int, time_ns: int) -> CameraImage:
         """Image `number`, with the middle of its exposure at a time; independent of earlier images."""
@@ -100,8 +100,8 @@ class Camera:
 
     def _moments(self, time_ns: int) -> list[int]:
         """Evenly spread times of the exposure around its middle; only the middle without blur."""
-        exposure_ns = self._scenario.exposure_ms * 1e6
-        if not self._scenario.motion_blur or not exposure_ns:
+        exposure_ns = self.scenario.exposure_ms * 1e6
+        if not self.scenario.motion_blur or not exposure_ns:
             return [time_ns]
         count = int(np.clip(np.ceil(self._blur_px(time_ns, exposure_ns)), 1, MAX_MOMENTS)) // 2 * 2 + 1
         steps = (np.arange(count) - (count - 1) / 2) / count

@@ -56,5 +56,5 @@ def test_one_fault_leaves_the_others_as_they_were(number: int, drop: float, jitt
     other = timing(jitter_ms=3.0, drop_rate=drop, log_jitter_ms=1.0, log_delay_ms=9.0).measurement(number)
     assert (other.begin_ns, other.stamp_ns, other.log_ns) == (first.begin_ns, first.stamp_ns, first.log_ns)
     late = timing(jitter_ms=jitter, drop_rate=0.3, log_jitter_ms=1.0, log_delay_ms=9.0, clock_offset_ms=offset)
-    assert late.measurement(number).lost == first.lost
-    assert late.measurement(number).log_ns - late.measurement(number).end_ns == first.log_ns - first.end_ns
+    found = late.measurement(number)
+    assert (found.lost, found.log_ns - found.end_ns) == (first.lost, first.log_ns - first.end_ns)
