@@ -23,8 +23,8 @@ LIDAR_OFFSET_CM = (1.0, 3.0)
 """Range of the mounting error of lidars: what a tape measure leaves."""
 
 EDGE_BIAS = 0.03
-"""Maximum bias of an edge of a detector's boxes, in widths or heights of the box: networks and labels enclose objects
-more or less tightly.
+"""Maximum bias of an edge of a detector's boxes, in widths or heights of the box: the medians of YOLOX nano on what
+KITTI labels as whole are 1.5 to 2.8 %, inward left, above and right, outward below.
 """
 
 Settings = TypeVar("Settings", bound=SettingsModel)
