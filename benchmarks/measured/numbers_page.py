@@ -26,8 +26,8 @@ Tree = Mapping[str, Any]
 
 HEAD = """# Numbers
 
-How good lidcam is today, on simulated recordings whose truth is exact and whose sensors err as in reality
-([simulator.md](simulator.md#errors)). `make numbers` writes this page anew: it
+How good lidcam is today, on simulated recordings with exact ground truth. Calibration, camera clocks and 2D boxes have
+small errors, as in real recordings ([simulator.md](simulator.md#errors)). `make numbers` writes this page anew: it
 simulates, processes with the settings that lidcam chooses itself, and evaluates. [figures.md](figures.md) defines every
 figure, [evaluation.md](evaluation.md) says how to get them for your own recordings, and
 [research/numbers.md](research/numbers.md) has the other figures, and tracks. These are scenes of a simulator, with a

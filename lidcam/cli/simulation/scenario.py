@@ -37,11 +37,12 @@ def scenario_of(
     duration_s: float | None,
     seed: int | None,
     family: "Family | None" = None,
-    errors: bool = False,
+    errors: bool | None = None,
 ) -> Scenario:
     """A bundled scenario or a YAML file, or one of a family drawn from the seed, by default 1.
 
-    Settings, duration and seed override its own; with `errors` its sensors err as in reality.
+    Settings, duration and seed override its own. Sensors have errors drawn from the seed if `errors` is set; None: if
+    the scenario is drawn, too.
 
     Raises:
         ConfigError: there is no such scenario, or a value does not fit.
@@ -54,7 +55,7 @@ def scenario_of(
         scenario = overridden(random_scenario(family, 1 if seed is None else seed), tuple(settings))
     given = {"seed": seed, "duration_s": duration_s}
     scenario = scenario.model_copy(update={key: value for key, value in given.items() if value is not None})
-    return with_errors(scenario) if errors else scenario
+    return with_errors(scenario) if errors or (errors is None and family) else scenario
 
 
 class Recorder:

@@ -51,7 +51,7 @@ def simulate(
     ] = None,
     errors: Annotated[
         bool | None,
-        typer.Option("--errors/--exact", help="Let sensors err as in reality. Default: those of `random` only."),
+        typer.Option("--errors/--exact", help="Sensors with small errors, or none. Default: errors for `random` only."),
     ] = None,
     settings: Setting = None,
     overwrite: Overwrite = False,
@@ -72,8 +72,8 @@ def simulate(
     from lidcam.cli.simulation.scenario import recording_to, scenario_of
 
     if scenario == RANDOM:
-        family, errors = family or "road", errors is not False
-    found = scenario_of(scenario, settings or (), duration_s=duration_s, seed=seed, family=family, errors=bool(errors))
+        family = family or "road"
+    found = scenario_of(scenario, settings or (), duration_s=duration_s, seed=seed, family=family, errors=errors)
     with (
         recording_to(output, format_, found, read=scenario, overwrite=overwrite, workers=workers) as opened,
         show_progress(found.duration_s) as advance,

@@ -9,13 +9,9 @@ from lidcam.bags.simulator.sensors.timing import Timing
 MS = 1_000_000
 
 
-def sensor(**settings: object) -> SensorScenario:
-    values = {"topic": "/t", "frame_id": "f", "position_m": (0, 0, 0), "log_delay_ms": 0.0} | settings
-    return SensorScenario.model_validate(values)
-
-
 def timing(*, seed: int = 1, name: str = "s", trigger_jitter: bool = True, **settings: object) -> Timing:
-    return Timing(name, sensor(**settings), seed, trigger_jitter)
+    values = {"topic": "/t", "frame_id": "f", "position_m": (0, 0, 0), "log_delay_ms": 0.0} | settings
+    return Timing(name, SensorScenario.model_validate(values), seed, trigger_jitter)
 
 
 @pytest.mark.parametrize(("trigger_jitter", "moves"), [(True, True), (False, False)])

@@ -1,8 +1,11 @@
+from functools import partial
+
 import numpy as np
 
 from lidcam.bags.simulator.scenario.load import load_scenario
 from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.bags.simulator.worlds.errors import with_errors
+from lidcam.cli.simulation.scenario import scenario_of
 
 EXACT = load_scenario("crossing")
 
@@ -21,6 +24,12 @@ def test_every_sensor_has_errors_of_its_own_within_their_ranges() -> None:
     assert 0.025 < np.abs(biases).max() <= 0.03
     for values in (biases, late_ms):  # either way
         assert 0.3 < (values > 0).mean() < 0.7
+
+
+def test_drawn_scenarios_err_unless_asked_not_to() -> None:
+    drawn = partial(scenario_of, "random", (), duration_s=None, seed=3, family="road")
+    assert drawn() == with_errors(drawn(errors=False)) != drawn(errors=False)
+    assert scenario_of("crossing", (), duration_s=None, seed=None) == EXACT
 
 
 def test_a_seed_has_one_set_of_errors_and_given_ones_stay() -> None:
