@@ -14,6 +14,7 @@ import numpy as np
 from lidcam.bags.simulator.recorder.movers import build_mover
 from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.bags.simulator.scenario.sensors import LidarScenario
+from lidcam.bags.simulator.sensors.beams import pattern_of
 from lidcam.bags.simulator.sensors.echoes import intensity, returned_share
 from lidcam.bags.simulator.vehicles.footprints import footprint, overlap
 from lidcam.bags.simulator.vehicles.routes import Route
@@ -102,7 +103,7 @@ class _World:
         lidar = lidar if exact else erring_lidar(lidar, "top", seed, number)
         base = self._ego_pose(draw, elsewhere=number > 0) if lidar.mounted_on else np.eye(4)
         T_site_lidar = base @ lidar.T_carrier_body("base").matrix
-        beams = _directions(lidar)
+        beams = pattern_of(lidar).beams(0).directions.reshape(-1, 3).astype(np.float32)
         directions = mapped(beams, T_site_lidar[:3, :3])
         met, range_m, body, share = self._surfaces(T_site_lidar[:3, 3], directions, draw)
         share *= np.exp(-SPECKLE * np.abs(draw.standard_normal(len(met))))
@@ -180,15 +181,3 @@ class _World:
     def _stood(self, state: State) -> RaisedPath:
         """The path of a road user on the ground."""
         return RaisedPath(Trajectory(0, state), self._height)
-
-
-def _directions(lidar: LidarScenario) -> F32:
-    """(N, 3) unit vectors of the beams of a `linear` lidar in its own frame."""
-    elevation = np.deg2rad(np.array(lidar.linear_elevations_deg))
-    azimuth = 2 * np.pi / lidar.columns * np.arange(lidar.columns)
-    across = np.cos(elevation)
-    beams = np.empty((lidar.columns, len(elevation), 3), np.float32)
-    beams[:, :, 0] = np.cos(azimuth)[:, None] * across
-    beams[:, :, 1] = -np.sin(azimuth)[:, None] * across
-    beams[:, :, 2] = np.sin(elevation)
-    return beams.reshape(-1, 3)
