@@ -26,7 +26,8 @@ Tree = Mapping[str, Any]
 
 HEAD = """# Numbers
 
-How good lidcam is today, on simulated recordings whose truth is exact. `make numbers` writes this page anew: it
+How good lidcam is today, on simulated recordings with exact ground truth. Calibration, camera clocks and 2D boxes have
+small errors, as in real recordings ([simulator.md](simulator.md#errors)). `make numbers` writes this page anew: it
 simulates, processes with the settings that lidcam chooses itself, and evaluates. [figures.md](figures.md) defines every
 figure, [evaluation.md](evaluation.md) says how to get them for your own recordings, and
 [research/numbers.md](research/numbers.md) has the other figures, and tracks. These are scenes of a simulator, with a
@@ -80,7 +81,7 @@ GAINS = {"AP bev .5": "ap_bev_r40_50", "F1": "f1", "position": "errors.position_
 """Figures in which fusion should be better, by their names in the JSON."""
 
 SECONDS = {"sandbox": 20, "crossing": 10, "vehicle": 10}  # by scenario
-RECORDED = ("--set", "cameras.*.jpeg_quality=40")
+RECORDED = ("--set", "cameras.*.jpeg_quality=40", "--errors")
 WRITTEN = ("--set", "output.images=false", "--set", "output.clouds=false")  # boxes alone are evaluated
 
 MODES = ("none", "online", "offline")

@@ -101,7 +101,7 @@ class WorkerProcess:
         self._connection, theirs = connected()
         self._process: subprocess.Popen[bytes] | _Copy
         try:
-            with theirs, _signals_blocked():
+            with theirs, signals_blocked():
                 self._process = _new_copy(self._connection, theirs, stages) if stages else _new_interpreter(theirs)
         except (OSError, WorkerError) as err:
             self._connection.close()
@@ -180,7 +180,7 @@ class WorkerProcess:
 
 
 @contextmanager
-def _signals_blocked() -> Iterator[None]:
+def signals_blocked() -> Iterator[None]:
     """Block signals from outside: processes that start in the block never get them, this thread gets them after it."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, FROM_OUTSIDE)
     try:

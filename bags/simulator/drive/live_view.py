@@ -12,7 +12,7 @@ from lidcam.bags.simulator.recorder.simulation import TRUTH_TOPIC, Simulation
 from lidcam.bags.simulator.recorder.true_rig import T_carrier_sensor
 from lidcam.bags.simulator.scenario.sensors import SensorScenario
 from lidcam.bags.simulator.sensors.lens import camera_model
-from lidcam.pipeline.core.ros.typestores import message_types
+from lidcam.pipeline.core.ros.messages import RosMessages
 from lidcam.writers.rerun.viewer import start_viewer
 
 BOX_COLOR = (255, 170, 40)
@@ -26,7 +26,7 @@ class LiveView:
         scenario = simulation.scenario
         self._sensors = {lidar.topic: f"{_parent(lidar)}/{name}" for name, lidar in scenario.lidars.items()}
         self._sensors |= {cam.image_topic: f"{_parent(cam)}/{name}" for name, cam in scenario.cameras.items()}
-        self._types, self._ros_version = message_types(simulation.ros_version), simulation.ros_version
+        self._messages = RosMessages(simulation.ros_version)
         self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for name, sensor in [*scenario.lidars.items(), *scenario.cameras.items()]:
             pose = T_carrier_sensor(scenario, sensor)
@@ -55,7 +55,7 @@ class LiveView:
         for one in recorded:
             if one.topic not in self._sensors and one.topic not in (TRUTH_TOPIC, "/tf"):
                 continue
-            message = self._message(one)
+            message = self._messages.deserialize(one.data, one.msgtype)
             self._stream.set_time("stamp", duration=np.timedelta64(one.stamp_ns, "ns"))
             if one.topic == TRUTH_TOPIC:
                 self._stream.log("world/truth", _boxes(message))
@@ -66,11 +66,6 @@ class LiveView:
                 self._stream.log("world/base_link", rr.Transform3D(translation=place, rotation=turn))
             else:
                 self._stream.log(self._sensors[one.topic], _drawn(one.msgtype.rpartition("/")[2], message))
-
-    def _message(self, recorded: Recorded) -> Any:
-        if self._ros_version == 1:
-            return self._types.deserialize_ros1(recorded.data, recorded.msgtype)
-        return self._types.deserialize_cdr(recorded.data, recorded.msgtype)
 
 
 def _parent(sensor: SensorScenario) -> str:

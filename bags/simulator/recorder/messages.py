@@ -65,7 +65,7 @@ class ViewedObject:
 
     name: str  # of the object that it shows, in the scenario; empty for none
     row: int  # of that object in the ground truth; -1 for none
-    xyxy: tuple[float, float, float, float]  # left, top, right, bottom in pixels, from the image's corner
+    xyxy: Sequence[float]  # (4,) left, top, right, bottom in pixels, from the image's corner
     hypotheses: tuple[Hypothesis, ...]  # its class, then counts and shares
 
 

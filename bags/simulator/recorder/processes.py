@@ -5,7 +5,6 @@ in, and only finished messages come out.
 """
 
 import multiprocessing
-import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
@@ -15,6 +14,7 @@ from lidcam.bags.simulator.recorder.recorded import Measured, SensingTask
 from lidcam.bags.simulator.vehicles.ackermann import AckermannCommand
 from lidcam.pipeline.core.ending import undone_at_once
 from lidcam.pipeline.core.errors import LidcamError
+from lidcam.pipeline.parallel.process import signals_blocked
 
 
 class SensingProcess:
@@ -25,13 +25,8 @@ class SensingProcess:
         self._pipe, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs, task), daemon=True)
         resource_tracker.ensure_running()  # else it is started with the process, and unblocks signals
-        # A terminal sends Ctrl-C to all processes; only the parent may act on it. A blocked signal stays so in the
-        # process, and comes to the parent a little later.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGHUP))
-        try:
+        with signals_blocked():
             self.process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
         self.pid = self.process.pid or 0
 

@@ -20,24 +20,12 @@ from lidcam.pipeline.core.ros.vision_numbers import IMAGE_PIXELS
 
 
 @dataclass(slots=True)
-class _Lidar:
-    """A running lidar: full name, settings, timing, simulated device, next measurement."""
+class _Sensor:
+    """A running sensor: full name, timing, simulated device, next measurement."""
 
     name: str
-    settings: LidarScenario
     timing: Timing
-    device: Lidar
-    next: Measurement
-
-
-@dataclass(slots=True)
-class _Camera:
-    """A running camera; see `_Lidar`."""
-
-    name: str
-    settings: CameraScenario
-    timing: Timing
-    device: Camera
+    device: Lidar | Camera
     next: Measurement
 
 
@@ -47,10 +35,9 @@ class Sensing:
     def __init__(self, stage: Stage, task: SensingTask) -> None:
         self._stage, self._seed, names = stage, task.scenario.seed, task.names
         self._messages = MessageFactory(task.ros_version, task.scenario.start_ns)
-        self._sensors: list[_Lidar | _Camera] = [
-            *(self._lidar(name, lidar) for name, lidar in stage.scenario.lidars.items() if name in names),
-            *(self._camera(name, camera) for name, camera in stage.scenario.cameras.items() if name in names),
-        ]
+        lidars = [self._lidar(name, lidar) for name, lidar in stage.scenario.lidars.items() if name in names]
+        cameras = [self._camera(name, camera) for name, camera in stage.scenario.cameras.items() if name in names]
+        self._sensors = lidars + cameras
 
     def measure(self, until_ns: int, *, start_limit_ns: int) -> list[Measured]:
         """Measurements that ended since the last call and by `until_ns`, and began before `start_limit_ns`."""
@@ -58,33 +45,34 @@ class Sensing:
             self._measured(sensor, one) for sensor in self._sensors for one in _due(sensor, until_ns, start_limit_ns)
         ]
 
-    def _lidar(self, name: str, lidar: LidarScenario) -> _Lidar:
+    def _lidar(self, name: str, lidar: LidarScenario) -> _Sensor:
         device = Lidar(name, lidar, self._stage.sensor_path(lidar), self._stage.scene, self._seed)
         timing = Timing(name, lidar, self._seed, trigger_jitter=False)
-        return _Lidar(f"lidars.{name}", lidar, timing, device, _measurement(timing, device, 0))
+        return _Sensor(f"lidars.{name}", timing, device, _measurement(timing, device, 0))
 
-    def _camera(self, name: str, camera: CameraScenario) -> _Camera:
+    def _camera(self, name: str, camera: CameraScenario) -> _Sensor:
         path, sun = self._stage.sensor_path(camera), self._stage.scenario.sun
         device = Camera(name, camera, path, self._stage.scene, sun, self._seed)
         timing = Timing(name, camera, self._seed, trigger_jitter=True)
-        return _Camera(f"cameras.{name}", camera, timing, device, _measurement(timing, device, 0))
+        return _Sensor(f"cameras.{name}", timing, device, _measurement(timing, device, 0))
 
-    def _measured(self, sensor: _Lidar | _Camera, measurement: Measurement) -> Measured:
+    def _measured(self, sensor: _Sensor, measurement: Measurement) -> Measured:
+        device = sensor.device
         # An image stands for the time that is nearer to it than to its neighbours.
-        around_ns = sensor.timing.period_ns // 2 if isinstance(sensor, _Camera) else 0
+        around_ns = sensor.timing.period_ns // 2 if isinstance(device, Camera) else 0
         times = (measurement.begin_ns - around_ns, measurement.end_ns + around_ns)
         none = np.zeros(len(self._stage.scene.movers), np.int64)
         if measurement.lost:
             return Measured(sensor.name, *times, none, none, ())
-        if isinstance(sensor, _Lidar):
-            sweep = sensor.device.sweep(measurement.number)
-            recorded = tuple(self._of_sweep(sensor, measurement, sweep))
+        if isinstance(device, Lidar):
+            sweep = device.sweep(measurement.number)
+            recorded = tuple(self._of_sweep(device.scenario, measurement, sweep))
             return Measured(sensor.name, *times, sweep.hits_per_mover, sweep.hit_offsets_ns, recorded)
-        image = sensor.device.image(measurement.number, measurement.begin_ns)
-        return Measured(sensor.name, *times, image.seen_px, none, tuple(self._of_image(sensor, measurement, image)))
+        image = device.image(measurement.number, measurement.begin_ns)
+        return Measured(sensor.name, *times, image.seen_px, none, tuple(self._of_image(device, measurement, image)))
 
-    def _of_sweep(self, lidar: _Lidar, measurement: Measurement, sweep: Sweep) -> Iterator[Recorded]:
-        settings, stamp_ns, make = lidar.settings, measurement.stamp_ns, self._messages
+    def _of_sweep(self, settings: LidarScenario, measurement: Measurement, sweep: Sweep) -> Iterator[Recorded]:
+        stamp_ns, make = measurement.stamp_ns, self._messages
         if settings.output != "packets":
             cloud = make.cloud(stamp_ns, settings.frame_id, _cloud_fields(sweep))
             yield make.recorded(measurement.log_ns, settings.topic, stamp_ns, cloud)
@@ -95,16 +83,16 @@ class Sensing:
             scan = make.scan(stamp_ns, settings.frame_id, stamps_ns, packets.payload)
             yield make.recorded(measurement.log_ns, settings.packets_topic, stamp_ns, scan)
 
-    def _of_image(self, camera: _Camera, measurement: Measurement, image: CameraImage) -> Iterator[Recorded]:
-        settings, stamp_ns, log_ns, make = camera.settings, measurement.stamp_ns, measurement.log_ns, self._messages
-        model = camera.device.model
+    def _of_image(self, camera: Camera, measurement: Measurement, image: CameraImage) -> Iterator[Recorded]:
+        settings, stamp_ns, log_ns, make = camera.scenario, measurement.stamp_ns, measurement.log_ns, self._messages
+        model = camera.model
         if settings.output == "jpeg":
             message = make.jpeg(stamp_ns, model.frame_id, image.rgb, settings.jpeg_quality)
         else:
             message = make.rgb_image(stamp_ns, model.frame_id, image.rgb)
         yield make.recorded(log_ns, settings.image_topic, stamp_ns, message)
         yield make.recorded(log_ns, settings.info_topic, stamp_ns, make.intrinsics(stamp_ns, model))
-        movers, name = self._stage.scene.movers, camera.device.name
+        movers, name = self._stage.scene.movers, camera.name
         if settings.detector is not None:
             classes = [mover.class_name for mover in movers]
             found = detect(settings.detector, image, classes, name=name, number=measurement.number, seed=self._seed)
@@ -112,14 +100,14 @@ class Sensing:
             late_ns = log_ns + round(settings.detector.delay_ms * 1e6)
             yield make.recorded(late_ns, settings.detector.topic, stamp_ns, boxes)
         if self._stage.scenario.recording.truth_rate_hz:
-            shown = visibility(image, camera.device, movers, measurement.begin_ns)
+            shown = visibility(image, camera, movers, measurement.begin_ns)
             truths = _visible_objects(shown, movers), _whole_objects(shown, movers)
             for topic, objects in zip(camera_truth_topics(name), truths, strict=True):
                 truth = make.detections_2d(stamp_ns, model.frame_id, objects)
                 yield make.recorded(log_ns, topic, stamp_ns, truth)
 
 
-def _due(sensor: _Lidar | _Camera, until_ns: int, start_limit_ns: int) -> Iterator[Measurement]:
+def _due(sensor: _Sensor, until_ns: int, start_limit_ns: int) -> Iterator[Measurement]:
     """The next measurements of a sensor that end by `until_ns` and begin before `start_limit_ns`."""
     while (
         sensor.next.end_ns <= until_ns
@@ -152,7 +140,7 @@ def _cloud_fields(sweep: Sweep) -> dict[str, Array]:
 def _detected_objects(found: Detected, movers: Sequence[Mover]) -> list[ViewedObject]:
     """Boxes of the simulated detector in an image of a scene with these movers."""
     return [
-        ViewedObject("" if row == NO_MOVER else movers[row].name, row, _box(xyxy), (class_of(class_name, score),))
+        ViewedObject("" if row == NO_MOVER else movers[row].name, row, xyxy.tolist(), (class_of(class_name, score),))
         for xyxy, score, class_name, row in zip(
             found.xyxy, found.scores.tolist(), found.class_names, found.movers.tolist(), strict=True
         )
@@ -177,9 +165,4 @@ def _whole_objects(shown: Visibility, movers: Sequence[Mover]) -> list[ViewedObj
 def _viewed(row: int, shown: Visibility, boxes: F64, movers: Sequence[Mover], **shares: float) -> ViewedObject:
     mover, pixels = movers[row], counted(IMAGE_PIXELS, int(shown.visible_px[row]))
     hypotheses = (class_of(mover.class_name), pixels, *(counted(name, share) for name, share in shares.items()))
-    return ViewedObject(mover.name, row, _box(boxes[row]), hypotheses)
-
-
-def _box(xyxy: F64) -> tuple[float, float, float, float]:
-    left, top, right, bottom = xyxy.tolist()
-    return left, top, right, bottom
+    return ViewedObject(mover.name, row, boxes[row].tolist(), hypotheses)

@@ -1,8 +1,5 @@
 """A scenario's calibration: the true one as a rig, and the recorded one as transforms."""
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
 from lidcam.bags.simulator.scenario.scenario import EGO_FRAME, Scenario
 from lidcam.bags.simulator.scenario.sensors import CameraScenario, SensorScenario
 from lidcam.bags.simulator.sensors.lens import camera_model
@@ -22,14 +19,9 @@ def T_carrier_sensor(scenario: Scenario, sensor: SensorScenario) -> Transform:
 
 
 def recorded_extrinsics(scenario: Scenario) -> list[Transform]:
-    """The transforms in /tf_static: the true extrinsics with the scenario's miscalibration."""
-    found = []
-    for sensor in scenario.sensors.values():
-        true, error = sensor.T_carrier_body(carrier_frame(scenario, sensor)), np.eye(4)
-        error[:3, :3] = Rotation.from_euler("xyz", sensor.miscalibration.rpy_deg, degrees=True).as_matrix()
-        error[:3, 3] = np.array(sensor.miscalibration.xyz_cm) / 100
-        found.append(_framed(Transform(true.dst, true.src, true.matrix @ error), sensor))
-    return found
+    """The transforms in /tf_static, whose errors are those of the scenario."""
+    sensors = scenario.sensors.values()
+    return [_framed(sensor.T_carrier_recorded(carrier_frame(scenario, sensor)), sensor) for sensor in sensors]
 
 
 def _framed(body: Transform, sensor: SensorScenario) -> Transform:

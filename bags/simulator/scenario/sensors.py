@@ -3,6 +3,7 @@
 from typing import Annotated, Literal
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
@@ -11,6 +12,7 @@ from lidcam.pipeline.core.settings.model import Count, NotNegative, Positive, Se
 
 Metres = Annotated[float, Field(ge=-1e5, le=1e5)]  # a coordinate: further out, single precision cannot hold millimetres
 Vector = tuple[float, float, float]
+Bias = Annotated[float, Field(gt=-0.5, lt=0.5)]
 Topic = Annotated[str, Field(pattern=r"^/[A-Za-z_]\w*(/\w+)*$")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$")]
 
@@ -48,8 +50,17 @@ class SensorScenario(SettingsModel):
 
     def T_carrier_body(self, carrier_frame: str) -> Transform:
         """The true pose of the sensor's body (x forward) on its carrier."""
-        turn = Rotation.from_euler("xyz", self.rpy_deg, degrees=True)
-        return Transform.from_quaternion(carrier_frame, self.frame_id, self.position_m, turn.as_quat())
+        return _posed(carrier_frame, self.frame_id, self.rpy_deg, self.position_m)
+
+    def T_carrier_recorded(self, carrier_frame: str) -> Transform:
+        """The recorded pose of the sensor's body: the true one with the miscalibration."""
+        error, offset_m = self.miscalibration, np.array(self.miscalibration.xyz_cm) / 100
+        return self.T_carrier_body(carrier_frame) @ _posed(self.frame_id, self.frame_id, error.rpy_deg, offset_m)
+
+
+def _posed(dst: str, src: str, rpy_deg: Vector, position_m: npt.ArrayLike) -> Transform:
+    turn = Rotation.from_euler("xyz", rpy_deg, degrees=True)
+    return Transform.from_quaternion(dst, src, position_m, turn.as_quat())
 
 
 class LidarScenario(SensorScenario):
@@ -95,6 +106,8 @@ class Detector2DScenario(SettingsModel):
     topic: Topic  # topic of its vision_msgs/Detection2DArray
     delay_ms: NotNegative = 30.0  # time from the recording of the image to that of its detections
     pixel_noise_px: NotNegative = 1.2  # standard deviation of each box edge
+    # How far left, top, right and bottom edges lie outside the object, in widths and heights of its box
+    edge_bias: tuple[Bias, Bias, Bias, Bias] = (0.0, 0.0, 0.0, 0.0)
     miss_rate: Share = 0.05  # share of visible objects that it misses
     false_per_image: NotNegative = 0.05  # mean number of false boxes per image
     min_visible: Share = 0.3  # objects with a smaller visible share are not detected

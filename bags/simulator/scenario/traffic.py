@@ -19,7 +19,7 @@ CONTROLLERS = (
     "left_steering_hinge_position_controller",
     "right_steering_hinge_position_controller",
 )
-"""Names of the controllers, as in the predecessor system, in the order of the fields of `ControllerCommands`."""
+"""Names of the controllers, as in the predecessor system, in the order of their commands."""
 
 
 class RouteScenario(SettingsModel):

@@ -21,7 +21,7 @@ from lidcam.bags.simulator.world.scene import Scene
 from lidcam.pipeline.core.arrays import F32, F64, I16, I64, U8
 from lidcam.pipeline.core.camera import CameraModel
 
-MAX_MOMENTS = 9  # instants averaged for a blurred image
+MOMENTS = 9  # averaged for a blurred image; an odd number, as the truth is that of the middle
 FRACTION = 64  # images are kept in this fraction of a pixel value until noise is added
 MAX_LIGHT = 4.0  # beyond, light is clipped
 SHOULDER = 0.55  # beyond, the tone curve compresses highlights instead of clipping them
@@ -53,7 +53,7 @@ class Camera:
     def __init__(
         self, name: str, scenario: CameraScenario, body: Path, scene: Scene, sun: SunScenario, seed: int
     ) -> None:
-        self.name, self._scenario = name, scenario
+        self.name, self.scenario = name, scenario
         self.model: CameraModel = camera_model(scenario)
         self._path, self._fixed = MountedPath(body, T_BODY_OPTICAL), isinstance(body, FixedPath)
         self._scene, self._lens, self._light = scene, Lens(self.model), Light(sun, scene.palette)
@@ -67,7 +67,7 @@ class Camera:
     @property
     def after_ns(self) -> int:
         """Time from the middle of an exposure to its end; movers must be known until then."""
-        return round(self._scenario.exposure_ms * 5e5) if self._scenario.motion_blur else 0
+        return round(self.scenario.exposure_ms * 5e5) if self.scenario.motion_blur else 0
 
     def image(self, number: int, time_ns: int) -> CameraImage:
         """Image `number`, with the middle of its exposure at a time; independent of earlier images."""
@@ -100,39 +100,11 @@ class Camera:
 
     def _moments(self, time_ns: int) -> list[int]:
         """Evenly spread times of the exposure around its middle; only the middle without blur."""
-        exposure_ns = self._scenario.exposure_ms * 1e6
-        if not self._scenario.motion_blur or not exposure_ns:
+        exposure_ns = self.scenario.exposure_ms * 1e6
+        if not self.scenario.motion_blur or not exposure_ns:
             return [time_ns]
-        count = int(np.clip(np.ceil(self._blur_px(time_ns, exposure_ns)), 1, MAX_MOMENTS)) // 2 * 2 + 1
-        steps = (np.arange(count) - (count - 1) / 2) / count
+        steps = (np.arange(MOMENTS) - (MOMENTS - 1) / 2) / MOMENTS
         return [max(time_ns + round(step * exposure_ns), 0) for step in steps]
-
-    def _blur_px(self, time_ns: int, exposure_ns: float) -> float:
-        """Rough upper limit of motion in the image during an exposure, in pixels."""
-        ends = np.array([max(time_ns - round(exposure_ns / 2), 0), time_ns + round(exposure_ns / 2)], np.int64)
-        cameras = self._path.poses(ends)
-        ways = [0.0]
-        if not self._fixed:
-            ahead = np.array([[0.0, 0.0, 10.0], [4.0, 0.0, 10.0], [0.0, 1.5, 4.0]])
-            fixed = self.optical_pose(int(ends[0])).apply(ahead)
-            ways.append(self._way_px(cameras, np.stack([fixed, fixed])))
-        for mover in self._scene.movers:
-            length, width, _ = mover.size_m
-            center = np.array(mover.box_center_m)
-            ground = np.array([[length / 2, width / 2, 0.0], [-length / 2, -width / 2, 0.0], [0, 0, 0]]) + center
-            poses = mover.path.poses(ends)
-            places = np.stack([poses.apply(np.repeat(point[None], 2, 0)) for point in ground], 1)
-            ways.append(self._way_px(cameras, places))
-        return max(ways)
-
-    def _way_px(self, cameras: Poses, places: F64) -> float:
-        """Largest image motion of points (2, K, 3) of the world, from the first camera pose to the second."""
-        to_camera = cameras.inverse()
-        seen = np.einsum("nij,nkj->nki", to_camera.rotation, places) + to_camera.translation[:, None]
-        pixels, valid = self.model.project(seen)
-        size = np.array([self.model.width_px, self.model.height_px])
-        inside = valid.all(0) & ((pixels > -0.5 * size) & (pixels < 1.5 * size)).all((0, 2))
-        return float(np.linalg.norm(pixels[1] - pixels[0], axis=-1)[inside].max(initial=0.0))
 
 
 class Film:

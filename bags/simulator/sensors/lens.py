@@ -6,14 +6,12 @@ import cv2
 import numpy as np
 
 from lidcam.bags.simulator.scenario.sensors import CameraScenario
-from lidcam.pipeline.core.arrays import F32, F64, I64, Bools
+from lidcam.pipeline.core.arrays import F32, F64, I64
 from lidcam.pipeline.core.camera import NEAR_M, CameraModel
+from lidcam.pipeline.core.optics.lenses import Lenses
 
-MAX_ROUND_TRIP_PX = 0.005  # a pixel whose ray projects further away from it lies outside the lens
-NEWTON_STEPS = 3
 MIN_PRUNED_PX = 1000  # windows with fewer pixels are not worth pruning
 MAX_FILLED_PX = 10_000  # coordinates within which OpenCV can fill shapes
-DIFFERENCE = 1e-6  # step of numerical derivatives, relative
 
 
 def camera_model(scenario: CameraScenario) -> CameraModel:
@@ -36,9 +34,10 @@ class Lens:
     def __init__(self, model: CameraModel) -> None:
         self.model = model
         self.width, self.height = model.width_px, model.height_px
-        self._bent = _is_bent(model)
+        self._bent = not model.is_straight or model.K[0, 1] != 0
         rows, columns = np.divmod(np.arange(self.width * self.height), self.width)
-        self._plane, self.covered = undistorted(model, np.stack([columns + 0.5, rows + 0.5], -1))
+        rays, covered = Lenses.of([model]).rays_of_pixels(np.stack([columns + 0.5, rows + 0.5], -1)[None])
+        self._plane, self.covered = rays[0, :, :2], covered[0]
 
     @cached_property
     def directions(self) -> F32:
@@ -115,56 +114,6 @@ class Lens:
         left, top = np.clip(low, 0, [self.width, self.height]).astype(int)
         right, bottom = np.clip(high, 0, [self.width, self.height]).astype(int)
         return int(left), int(top), int(right), int(bottom)
-
-
-def undistorted(model: CameraModel, pixels: F64) -> tuple[F64, Bools]:
-    """Coordinates (N, 2) of pixels (N, 2) in the plane z = 1 of the optical frame; whether the lens covers them (N,).
-
-    Pixels are in the coordinates of `CameraModel.project`; what is not covered is at 0.
-    """
-    focal, center = model.K[[0, 1], [0, 1]], model.K[:2, 2] + 0.5
-    if not _is_bent(model):
-        return (pixels - center) / focal, np.ones(len(pixels), np.bool_)
-    plane = _approximate(model, pixels)
-    for _ in range(NEWTON_STEPS):
-        plane = _newton_step(model, plane, pixels)
-    plane = np.where(np.isfinite(plane), plane, 0.0)
-    seen, valid = model.project(np.concatenate([plane, np.ones((len(plane), 1))], 1))
-    covered = valid & (np.abs(seen - pixels) < MAX_ROUND_TRIP_PX).all(1)
-    return np.where(covered[:, None], plane, 0.0), covered
-
-
-def _is_bent(model: CameraModel) -> bool:
-    """Whether the model is more than a pinhole without skew."""
-    return bool(model.distortion.any()) or model.model == "equidistant" or model.K[0, 1] != 0
-
-
-def _approximate(model: CameraModel, pixels: F64) -> F64:
-    """OpenCV's inverse, close enough to start Newton's method."""
-    points, limit = (pixels - 0.5)[:, None], (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
-    if model.model == "equidistant":
-        coefficients = np.concatenate([model.distortion, np.zeros(4)])[:4]
-        return np.asarray(cv2.fisheye.undistortPoints(points, model.K, coefficients, criteria=limit)[:, 0])
-    count = 5 if model.model == "plumb_bob" else 8
-    coefficients = np.concatenate([model.distortion, np.zeros(8)])[:count]
-    return np.asarray(cv2.undistortPoints(points, model.K, coefficients, criteria=limit)[:, 0])
-
-
-def _newton_step(model: CameraModel, plane: F64, pixels: F64) -> F64:
-    """One step of Newton's method on `CameraModel.project`; points that would jump far stay."""
-    one = np.ones((len(plane), 1))
-    here = model.project(np.concatenate([plane, one], 1))[0]
-    step = DIFFERENCE * np.maximum(1.0, np.abs(plane).max(1))
-    right = model.project(np.concatenate([plane + step[:, None] * (1, 0), one], 1))[0]
-    below = model.project(np.concatenate([plane + step[:, None] * (0, 1), one], 1))[0]
-    by_x, by_y, miss = (right - here) / step[:, None], (below - here) / step[:, None], pixels - here
-    determinant = by_x[:, 0] * by_y[:, 1] - by_x[:, 1] * by_y[:, 0]
-    usable = np.abs(determinant) > 1e-9
-    determinant = np.where(usable, determinant, 1.0)
-    change_x = (miss[:, 0] * by_y[:, 1] - miss[:, 1] * by_y[:, 0]) / determinant
-    change = np.stack([change_x, (miss[:, 1] * by_x[:, 0] - miss[:, 0] * by_x[:, 1]) / determinant], 1)
-    near = usable & (np.abs(change).max(1) < 0.5 * (1 + np.abs(plane).max(1)))
-    return np.where(near[:, None], plane + change, plane)
 
 
 def _through(plane: F64) -> F32:

@@ -65,7 +65,7 @@ class Lidar:
     """
 
     def __init__(self, name: str, scenario: LidarScenario, path: Path, scene: Scene, seed: int) -> None:
-        self._name, self._scenario, self._path, self._scene, self._seed = name, scenario, path, scene, seed
+        self._name, self.scenario, self._path, self._scene, self._seed = name, scenario, path, scene, seed
         self._pattern = pattern_of(scenario)
         self._optics = Optics(scene.palette)
         self._by_elevation = np.argsort(self._pattern.elevation_rad, kind="stable")
@@ -89,7 +89,7 @@ class Lidar:
         steps[steps > MAX_STEPS] = NO_ECHO
         range_m, brightness = steps * self._pattern.range_step_m, self._brightness(share)
         packets = None
-        if self._scenario.output != "points" and isinstance(self._pattern, VelodynePattern):
+        if self.scenario.output != "points" and isinstance(self._pattern, VelodynePattern):
             shape = (*beams.times_ns.shape, *([2] if self._dual else []))
             reflectivity = brightness.reshape(shape).astype(np.uint8)
             packets = self._pattern.sensor.encode(
@@ -126,17 +126,17 @@ class Lidar:
         )
 
     def _brightness(self, share: F64) -> F64:
-        scaled = self._scenario.intensity_gain * intensity(share) - self._scenario.intensity_floor
+        scaled = self.scenario.intensity_gain * intensity(share) - self.scenario.intensity_floor
         return np.asarray(np.clip(np.rint(scaled), 0, 255))
 
     def _received(self, beams: Beams, number: int) -> tuple[F64, F64, I64]:
         """Noisy range (0 for no echo), share of light, mover: (N, 1), or (N, 2) for the last and the strongest echo."""
         count = beams.times_ns.size
-        columns = {"strongest": [STRONGEST], "last": [LAST], "dual": [LAST, STRONGEST]}[self._scenario.return_mode]
+        columns = {"strongest": [STRONGEST], "last": [LAST], "dual": [LAST, STRONGEST]}[self.scenario.return_mode]
         random = random_numbers(self._seed, self._name, "lidar", number)
         speckle = np.exp(-SPECKLE * np.abs(random.standard_normal(count, np.float32)))
-        noise_m = self._scenario.range_noise_m * random.standard_normal((count, len(columns)), np.float32)
-        lost = random.random((count, len(columns)), np.float32) < self._scenario.dropout
+        noise_m = self.scenario.range_noise_m * random.standard_normal((count, len(columns)), np.float32)
+        lost = random.random((count, len(columns)), np.float32) < self.scenario.dropout
 
         echoes = self._echoes(beams, speckle.astype(np.float64))
         range_m, share, mover = echoes.range_m[:, columns], echoes.share[:, columns], echoes.mover[:, columns]
@@ -152,8 +152,8 @@ class Lidar:
         hits = self._scene.cast(rays, span)
         cos_incidence = _cos_incidence(hits, rays)
         share = speckle * self._optics.share(hits, cos_incidence)
-        found = (hits.distance_m <= self._scenario.max_range_m * np.sqrt(share)) & (share > 0)
-        found &= hits.distance_m >= self._scenario.min_range_m
+        found = (hits.distance_m <= self.scenario.max_range_m * np.sqrt(share)) & (share > 0)
+        found &= hits.distance_m >= self.scenario.min_range_m
         range_m = np.where(found, hits.distance_m, NO_ECHO)
         echoes = Echoes(np.stack([range_m] * 2, 1), np.stack([share] * 2, 1), np.stack([hits.mover] * 2, 1))
 
@@ -170,9 +170,9 @@ class Lidar:
         some = distinct_echoes(
             self._light(beam, rays, hits, weight * speckle[mixed][beam], span),
             len(mixed),
-            reach_m=self._scenario.max_range_m,
-            nearest_m=self._scenario.min_range_m,
-            apart_m=self._scenario.echo_separation_m,
+            reach_m=self.scenario.max_range_m,
+            nearest_m=self.scenario.min_range_m,
+            apart_m=self.scenario.echo_separation_m,
             second_strongest=self._dual,
         )
         echoes.range_m[mixed], echoes.share[mixed], echoes.mover[mixed] = some.range_m, some.share, some.mover
@@ -201,7 +201,7 @@ class Lidar:
 
         Only sides with an edge before the next beam are cast.
         """
-        half_angle_rad = self._scenario.divergence_mrad * 1e-3 / 2
+        half_angle_rad = self.scenario.divergence_mrad * 1e-3 / 2
         if not half_angle_rad:
             none = np.empty(0, np.int64)
             return none, rays.select(none), hits.select(none)
@@ -211,8 +211,8 @@ class Lidar:
             hits.normal.reshape(grid),
             rays.origins.reshape(grid),
             rays.directions.reshape(grid),
-            step_m=self._scenario.echo_separation_m,
-            reach_m=self._scenario.max_range_m * self._optics.max_reflectivity**0.5,
+            step_m=self.scenario.echo_separation_m,
+            reach_m=self.scenario.max_range_m * self._optics.max_reflectivity**0.5,
             by_elevation=self._by_elevation,
         )
         beam, side = np.nonzero(edges.reshape(-1, 4))
@@ -227,7 +227,7 @@ class Lidar:
         rim = Rays(middle.origins, spread / np.sqrt(1 + half_angle_rad**2), middle.times_ns)
         seen = self._scene.cast(rim, span)
         steps_m = np.minimum(seen.distance_m, SKY_M) - np.minimum(hits.distance_m.take(beam), SKY_M)
-        others = np.flatnonzero(np.abs(steps_m) > self._scenario.echo_separation_m)
+        others = np.flatnonzero(np.abs(steps_m) > self.scenario.echo_separation_m)
         return beam[others], rim.select(others), seen.select(others)
 
     def _light(self, beam: I64, rays: Rays, hits: Hits, weight: F64, span: Span) -> Reflected:

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from lidcam.bags.simulator.scenario.scenario import SunScenario
+from lidcam.bags.simulator.world.grounds import SIZE, noise
 from lidcam.bags.simulator.world.mesh import Material
 from lidcam.bags.simulator.world.rays import dotted
 from lidcam.pipeline.core.arrays import F32, F64, I64
@@ -27,7 +28,6 @@ CLOUD_RGB = np.array([0.98, 0.98, 0.98], np.float32)
 HAZE_M = 1100.0  # distance over which contrast drops to 37 %
 GLINT_SQUARINGS, GLINT = 7, 8.0  # the sun's glint falls off with the 2^7-th power of a cosine
 WHITE = 1.08  # exposed light of a matt white (0.9) horizontal surface in the sun, before the tone curve
-CLOUD_CELLS = 512
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +105,7 @@ class Light:
         u, v = directions[:, 0] / height * 90 + 11, directions[:, 1] / height * 90 + 37
         rows = -(-len(u) // 1024)  # OpenCV limits images to 32767 pixels a side
         grid = np.zeros((2, rows * 1024), np.float32)
-        grid[0, : len(u)], grid[1, : len(u)] = u % CLOUD_CELLS, v % CLOUD_CELLS
+        grid[0, : len(u)], grid[1, : len(u)] = u % SIZE, v % SIZE
         if not rows:
             return np.empty(0, np.float32)
         x, y = grid.reshape(2, rows, 1024)
@@ -123,11 +123,5 @@ def _squared(values: F32, times: int) -> F32:
 @cache
 def _cloud_map() -> F32:
     """Cloud cover (0 to 1) of a tileable square of sky, from noise with a natural spectrum."""
-    random = np.random.Generator(np.random.PCG64(7))
-    spectrum = np.fft.rfft2(random.standard_normal((CLOUD_CELLS, CLOUD_CELLS)))
-    frequency = np.hypot(np.fft.fftfreq(CLOUD_CELLS)[:, None], np.fft.rfftfreq(CLOUD_CELLS))
-    frequency[0, 0] = np.inf
-    noise = np.fft.irfft2(spectrum / (frequency + 0.006) ** 1.8, (CLOUD_CELLS, CLOUD_CELLS))
-    noise /= noise.std()
-    share = np.clip((noise - 0.35) / 1.4, 0.0, 1.0)
+    share = np.clip((noise(7, lambda frequency: (frequency + 0.006) ** -1.8) - 0.35) / 1.4, 0.0, 1.0)
     return np.asarray(0.9 * share * share * (3 - 2 * share), np.float32)

@@ -26,9 +26,7 @@ class Visibility:
     """
 
     visible_xyxy: F64  # (M, 4) box of the pixels that show it; NaN for none
-    whole_xyxy: (
-        F64  # (M, 4) box of it if nothing hid it, cut one image beyond the border; NaN if no pixel would show it
-    )
+    whole_xyxy: F64  # (M, 4) box of all of it, cut one image beyond the border; NaN if no pixel would show it
     visible_px: I64  # (M,) number of pixels that show it
     occlusion: F64  # (M,) share of the pixels that would show it which show something else; NaN for none
     truncation: F64  # (M,) share of the whole box that lies outside the image; NaN for none
@@ -125,7 +123,9 @@ def detect(
     rows = np.flatnonzero(found).tolist()
     scores = 0.94 - 0.35 * np.exp(-height / SURE_HEIGHT_PX) - 0.35 * (1 - visible) + 0.04 * spread
     false_boxes, false_scores, false_names = _false_boxes(scenario, image, class_names, name, number, seed)
-    found_boxes = _inside(boxes[rows] + scenario.pixel_noise_px * edges[rows], image)
+    outward = np.tile(boxes[:, 2:] - boxes[:, :2], 2) * (-1, -1, 1, 1)
+    edges = scenario.edge_bias * outward + scenario.pixel_noise_px * edges
+    found_boxes = _inside(boxes[rows] + edges[rows], image)
     return Detected(
         np.concatenate([found_boxes, false_boxes]),
         np.clip(np.concatenate([scores[rows], false_scores]), 0.05, 0.99),

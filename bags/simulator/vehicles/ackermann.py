@@ -8,7 +8,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
 
 from lidcam.bags.simulator.vehicles.trajectory import State
 from lidcam.bags.simulator.world.bodies.dimensions import shape_of
@@ -44,17 +43,6 @@ def commands_of_keys(keys: str, interval_s: float) -> list[tuple[int, AckermannC
     return [(round(number * interval_s * 1e9), KEY_COMMANDS[key]) for number, key in pressed if key in KEY_COMMANDS]
 
 
-class ControllerCommands(NamedTuple):
-    """Targets of a car's controllers, as `CONTROLLERS`: wheel rates, then front wheel angles (positive to the left)."""
-
-    left_rear_rad_s: float
-    right_rear_rad_s: float
-    left_front_rad_s: float
-    right_front_rad_s: float
-    left_hinge_rad: float
-    right_hinge_rad: float
-
-
 @dataclass(frozen=True, slots=True)
 class Ackermann:
     """A car's chassis and its limits."""
@@ -67,8 +55,8 @@ class Ackermann:
     acceleration_m_s2: float
     braking_m_s2: float
 
-    def controllers(self, command: AckermannCommand) -> ControllerCommands:
-        """The controller targets for a command.
+    def controllers(self, command: AckermannCommand) -> tuple[float, ...]:
+        """(6,) targets of `CONTROLLERS` for a command: wheel rates in rad/s, front wheel angles (positive to the left).
 
         All wheels get the same rate, as in the predecessor system: speed x 28 for model cars, whose wheel radius is
         1/28 m. The front wheels turn about a common centre, the inner one further than the outer one; the predecessor
@@ -78,15 +66,7 @@ class Ackermann:
         slope = math.tan(self._within_limits(command.steering_rad))
         lean = slope * self.track_m / (2 * self.wheel_base_m)
         left, right = math.atan(slope / (1 - lean)), math.atan(slope / (1 + lean))
-        return ControllerCommands(rate, rate, rate, rate, left, right)
-
-    def command(self, controllers: ControllerCommands) -> AckermannCommand:
-        """The motion that controller targets produce: mean rate of the rear wheels, mean turning centre in front."""
-        rate = (controllers.left_rear_rad_s + controllers.right_rear_rad_s) / 2
-        left, right = math.tan(controllers.left_hinge_rad), math.tan(controllers.right_hinge_rad)
-        both = left + right
-        slope = 2 * left * right / both if both else 0.0
-        return AckermannCommand(rate * self.wheel_radius_m, self._within_limits(math.atan(slope)))
+        return *4 * [rate], left, right
 
     def step(self, state: State, command: AckermannCommand, seconds: float) -> State:
         """The state after following a command for a time.

@@ -1,9 +1,8 @@
 """Routes: straights joined by arcs, parametrised by length."""
 
 import math
-from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,8 +14,7 @@ from lidcam.pipeline.core.errors import ConfigError
 MIN_PIECE_M = 1e-9  # length below which pieces are rounding errors
 
 
-@dataclass(frozen=True, slots=True)
-class RoutePoint:
+class RoutePoint(NamedTuple):
     """A point on a route."""
 
     x_m: float
@@ -25,20 +23,15 @@ class RoutePoint:
     curvature: float  # 1/m; positive to the left
 
 
-@dataclass(frozen=True, slots=True)
-class _Piece:
-    """A straight or an arc: start along the route, first point, length."""
+class _Piece(NamedTuple):
+    """A straight or an arc: start along the route, length, and the fields of its first `RoutePoint`."""
 
     start_m: float
-    first: RoutePoint
     length_m: float
-
-    def point(self, along_m: float) -> RoutePoint:
-        turn = along_m * self.first.curvature
-        chord = along_m * (math.sin(turn / 2) / (turn / 2) if turn else 1.0)
-        towards = self.first.yaw_rad + turn / 2
-        x, y = self.first.x_m + chord * math.cos(towards), self.first.y_m + chord * math.sin(towards)
-        return RoutePoint(x, y, self.first.yaw_rad + turn, self.first.curvature)
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    curvature: float
 
 
 class Route:
@@ -48,13 +41,10 @@ class Route:
     """
 
     def __init__(self, pieces: Sequence[_Piece], *, closed: bool) -> None:
-        self._pieces = tuple(pieces)
-        self._starts = [piece.start_m for piece in pieces]
-        self.closed = closed
-        self.length_m = pieces[-1].start_m + pieces[-1].length_m
-        self._turned = pieces[-1].point(pieces[-1].length_m).yaw_rad - pieces[0].first.yaw_rad if closed else 0.0
-        rows = [(p.start_m, p.length_m, p.first.x_m, p.first.y_m, p.first.yaw_rad, p.first.curvature) for p in pieces]
-        self._table = np.array(rows, np.float64)
+        last = pieces[-1]
+        self.closed, self.length_m = closed, last.start_m + last.length_m
+        self._turned = last.yaw_rad + last.length_m * last.curvature - pieces[0].yaw_rad if closed else 0.0
+        self._table = np.array(pieces, np.float64)
 
     @classmethod
     def from_scenario(cls, scenario: RouteScenario) -> "Route":
@@ -74,16 +64,7 @@ class Route:
 
     def point(self, along_m: float) -> RoutePoint:
         """The point at a length; on a closed route each round adds a full turn to the yaw."""
-        rounds, within = divmod(along_m, self.length_m) if self.closed else (0.0, along_m)
-        row = max(bisect_right(self._starts, within) - 1, 0)
-        piece = self._pieces[row]
-        if not self.closed and not 0 <= within <= self.length_m:
-            end = self._pieces[0].first if within < 0 else piece.point(piece.length_m)
-            beyond = within if within < 0 else within - self.length_m
-            x, y = end.x_m + beyond * math.cos(end.yaw_rad), end.y_m + beyond * math.sin(end.yaw_rad)
-            return RoutePoint(x, y, end.yaw_rad, 0.0)
-        place = piece.point(within - piece.start_m)
-        return RoutePoint(place.x_m, place.y_m, place.yaw_rad + rounds * self._turned, place.curvature)
+        return RoutePoint(*self.points([along_m])[0].tolist())
 
     def points(self, along_m: npt.ArrayLike) -> F64:
         """`point` for lengths (N,): (N, 4) columns as the fields of `RoutePoint`."""
@@ -149,7 +130,7 @@ def _pieces(corners: Sequence[F64], radii: Sequence[float], *, closed: bool) -> 
     def add(x: float, y: float, length: float, curvature: float) -> None:
         nonlocal along, yaw
         if length > MIN_PIECE_M:
-            pieces.append(_Piece(along, RoutePoint(x, y, yaw, curvature), length))
+            pieces.append(_Piece(along, length, x, y, yaw, curvature))
             along += length
         yaw += length * curvature
 

@@ -44,17 +44,16 @@ class _Vehicle:
         self.script = commands_of_keys(scenario.keys, scenario.key_interval_s)[::-1]
         self.times: list[int] = []
         self.commands: list[AckermannCommand] = []
-        self.asked = self.done = AckermannCommand()
+        self.asked = AckermannCommand()
         self.blocked_steps = 0
         self.near: list[Rectangle | _Vehicle] = []
         self.ask(0, AckermannCommand(state.speed_m_s))
 
     def ask(self, time_ns: int, command: AckermannCommand) -> None:
-        """Set the command; the chassis follows the controller targets that come from it."""
+        """Set the command."""
         if self.commands and command == self.asked:
             return
         self.asked = command
-        self.done = command if self.chassis is None else self.chassis.command(self.chassis.controllers(command))
         if self.times and self.times[-1] == time_ns:
             self.commands[-1] = command
         else:
@@ -64,9 +63,9 @@ class _Vehicle:
     def next_state(self, seconds: float) -> State:
         """Its next state if nothing blocks it."""
         if self.chassis is not None:
-            return self.chassis.step(self.state, self.done, seconds)
+            return self.chassis.step(self.state, self.asked, seconds)
         if self.follower is not None:
-            return self.follower.walk(self.state, self.done.speed_m_s, seconds)
+            return self.follower.walk(self.state, self.asked.speed_m_s, seconds)
         return self.state
 
 

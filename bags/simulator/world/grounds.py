@@ -1,11 +1,12 @@
 """The ground of each world: roads, markings and grass as functions of x and y, over seamless noise images."""
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
 
 from lidcam.bags.simulator.world.mesh import OWN, Look
-from lidcam.pipeline.core.arrays import F32, U8, Bools
+from lidcam.pipeline.core.arrays import F32, F64, U8, Bools
 
 Drawn = tuple[U8, F32]
 
@@ -40,14 +41,16 @@ def _white() -> F32:
 
 @cache
 def _cloudy() -> F32:
-    """Noise with an amplitude that falls with frequency; it tiles, as its spectrum is discrete."""
-    generator = np.random.Generator(np.random.PCG64(102))
-    white = generator.standard_normal((SIZE, SIZE))
-    frequency = np.hypot(np.fft.fftfreq(SIZE)[:, None], np.fft.rfftfreq(SIZE)[None])
-    share = 1 / np.maximum(frequency, 1 / 200) ** 0.8
+    return noise(102, lambda frequency: 1 / np.maximum(frequency, 1 / 200) ** 0.8).ravel().astype(np.float32)
+
+
+def noise(seed: int, amplitude: Callable[[F64], F64]) -> F64:
+    """Noise (`SIZE`, `SIZE`) of mean 0 and standard deviation 1 that tiles, with an amplitude by frequency per cell."""
+    white = np.random.Generator(np.random.PCG64(seed)).standard_normal((SIZE, SIZE))
+    share = amplitude(np.hypot(np.fft.fftfreq(SIZE)[:, None], np.fft.rfftfreq(SIZE)))
     share[0, 0] = 0.0
     rough = np.fft.irfft2(np.fft.rfft2(white) * share, (SIZE, SIZE))
-    return np.asarray((rough / rough.std()).ravel(), np.float32)
+    return np.asarray(rough / rough.std())
 
 
 def _dashes(along: F32, period: float, share: float) -> Bools:

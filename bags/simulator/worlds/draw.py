@@ -37,14 +37,14 @@ def random_numbers_of(family: Family, *numbers: int) -> np.random.Generator:
 
 
 def random_scenario(family: Family, seed: int) -> Scenario:
-    """The scenario of a family and a seed; always the same."""
+    """The scenario of a family and a seed, always the same, with exact sensors; see `errors.with_errors`."""
     draw = random_numbers_of(family, seed)
     tree = _table(draw) if family == "sandbox" else _street(draw, family)
     ego = "ego" in tree["vehicles"]
     lidar = random_lidar(family, draw, tree["ground"], tree["things"])
     topics = {"topic": "/camera/image_raw", "info_topic": "/camera/camera_info", "frame_id": "camera_optical"}
     pose = {"position_m": lidar.position_m, "rpy_deg": (0.0, 0.0 if ego else 15.0, lidar.rpy_deg[2])}
-    lens = {"width_px": 800, "height_px": 500, "focal_px": (560.0, 560.0)}
+    lens = {"width_px": 800, "height_px": 500, "focal_px": (560.0, 560.0), "detector": {"topic": "/camera/detections"}}
     camera = CameraScenario.model_validate({"mounted_on": lidar.mounted_on, **topics, **pose, **lens})
     return Scenario(
         description=f"Drawn: {family}, seed {seed}.",

@@ -1,6 +1,7 @@
 """What stands beside roads: what is of a car's or a person's size without being one, and what closes the view."""
 
 import math
+from functools import partial
 
 from lidcam.bags.simulator.worlds.site import Site
 
@@ -17,13 +18,7 @@ def frontage(site: Site, begin: Place, yaw_deg: float, length_m: float) -> None:
 
     It begins at a place and runs `length_m` along `yaw_deg`; things stand on its left.
     """
-    done = site.between(0, 6)
-    turn = math.radians(yaw_deg)
-    along, left = (math.cos(turn), math.sin(turn)), (-math.sin(turn), math.cos(turn))
-
-    def place(ahead: float, off: float) -> Place:
-        return begin[0] + along[0] * ahead + left[0] * off, begin[1] + along[1] * ahead + left[1] * off
-
+    done, place = site.between(0, 6), partial(_beside, begin, yaw_deg)
     while done < length_m:
         kind = site.pick("building", "building", "wall", "fence", "hedge", "bushes", "bushes", "trees", "gap", "wild")
         piece = site.between(4, 22)
@@ -60,6 +55,12 @@ def frontage(site: Site, begin: Place, yaw_deg: float, length_m: float) -> None:
         done += piece + (site.between(0, 5) if site.chance(0.5) else 0.2)
 
 
+def _beside(at: Place, yaw_deg: float, ahead: float, left: float = 0.0) -> Place:
+    """The place so far ahead and to the left of another one, along a heading."""
+    cos, sin = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
+    return at[0] + ahead * cos - left * sin, at[1] + ahead * sin + left * cos
+
+
 def island(site: Site, at: Place, yaw_deg: float) -> None:
     """Add a planted bed with low shrubs, as long as a parked car and in its place, often with a tree."""
     turned = yaw_deg + site.between(-6, 6)
@@ -67,11 +68,9 @@ def island(site: Site, at: Place, yaw_deg: float) -> None:
     size = (site.between(2.0, 5.5), site.between(1.0, 2.3), site.between(0.3, 1.5))
     if not site.thing(kind, *at, size, yaw_deg=turned, color=_green(site)):
         return
-    turn = math.radians(turned)
     for _ in range(int(site.draw.integers(0, 3))):
         wide = site.between(0.5, size[1])
-        off = site.between(-0.5, 0.5) * (size[0] - wide)
-        place = at[0] + off * math.cos(turn), at[1] + off * math.sin(turn)
+        place = _beside(at, turned, site.between(-0.5, 0.5) * (size[0] - wide))
         size_of_bush = (wide, wide * site.between(0.6, 1.0), site.between(0.4, 1.8))
         site.thing("bush", *place, size_of_bush, yaw_deg=turned, color=_green(site), margin_m=-1.0)
     if site.chance(0.6):
@@ -110,8 +109,7 @@ def _pole(site: Site, at: Place, yaw_deg: float) -> None:
         low = round(max(high - site.between(0.4, 1.4), 0.1), 3)
         turned = yaw_deg + site.pick(0, 90) + site.between(-10, 10)
         shiny = site.pick(0.4, 2.0, 3.0)
-        size, off, turn = (0.03, wide, site.between(0.3, 0.9)), thick / 2 + 0.03, math.radians(turned)
-        x, y = at[0] + off * math.cos(turn), at[1] + off * math.sin(turn)
+        size, (x, y) = (0.03, wide, site.between(0.3, 0.9)), _beside(at, turned, thick / 2 + 0.03)
         site.thing("box", x, y, size, yaw_deg=turned, bottom_m=low, reflectivity=shiny, margin_m=0.0)
 
 
@@ -140,21 +138,16 @@ def _person_sized(site: Site, at: Place, yaw_deg: float) -> None:
 
 def _bicycles(site: Site, at: Place, yaw_deg: float) -> None:
     """A row of parked bicycles."""
-    turn = math.radians(yaw_deg)
     for number in range(int(site.draw.integers(1, 6))):
-        off = 0.6 * number
-        x, y = at[0] + off * math.cos(turn), at[1] + off * math.sin(turn)
+        x, y = _beside(at, yaw_deg, 0.6 * number)
         size = (site.between(1.5, 1.85), site.between(0.45, 0.65), site.between(0.95, 1.15))
         site.thing("bicycle", x, y, size, yaw_deg=yaw_deg + 90 + site.between(-15, 15))
 
 
 def _plants(site: Site, at: Place, yaw_deg: float) -> None:
     """A few bushes close together, or bushes in a row as long as a car."""
-    turn = math.radians(yaw_deg)
     for number in range(int(site.draw.integers(1, 5))):
-        off, aside = site.between(0.5, 1.2) * number, site.between(-0.4, 0.4)
-        x = at[0] + off * math.cos(turn) - aside * math.sin(turn)
-        plant(site, (x, at[1] + off * math.sin(turn) + aside * math.cos(turn)))
+        plant(site, _beside(at, yaw_deg, site.between(0.5, 1.2) * number, site.between(-0.4, 0.4)))
 
 
 def _car_sized(site: Site, at: Place, yaw_deg: float) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from lidcam.bags.simulator.recorder.movers import build_mover
 from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.bags.simulator.scenario.sensors import LidarScenario
+from lidcam.bags.simulator.sensors.beams import pattern_of
 from lidcam.bags.simulator.sensors.echoes import intensity, returned_share
 from lidcam.bags.simulator.vehicles.footprints import footprint, overlap
 from lidcam.bags.simulator.vehicles.routes import Route
@@ -21,11 +22,12 @@ from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
 from lidcam.bags.simulator.world.bodies.joints import RaisedPath
 from lidcam.bags.simulator.world.mesh import Material, Mesh, merged
-from lidcam.bags.simulator.world.motion import Poses, placed_vertices
+from lidcam.bags.simulator.world.motion import placed_vertices
 from lidcam.bags.simulator.world.open3d_runtime import load_open3d
 from lidcam.bags.simulator.world.places.places import height_of, mesh_of
 from lidcam.bags.simulator.world.rays import dotted, mapped, packed
 from lidcam.bags.simulator.worlds.draw import Family, random_lidar, random_numbers_of, random_scenario
+from lidcam.bags.simulator.worlds.errors import erring_lidar
 from lidcam.bags.simulator.worlds.site import first_state
 from lidcam.pipeline.core.arrays import F32, F64, I32, I64
 
@@ -48,14 +50,17 @@ class TrainingSweep:
     yaws: F64  # (M,) headings, radians about +z
     class_names: tuple[str, ...]  # of each: car, van, truck, bus, cyclist or pedestrian
     point_counts: I32  # (M,) points on each
-    origin: F64  # (3,) where the lidar is, metres
-    lidar: LidarScenario  # its settings
+    origin: F64  # (3,) where the lidar is as recorded, metres
+    lidar: LidarScenario  # its settings, and its mounting error, which points and origin have
 
 
-def sweep(family: Family, seed: int) -> TrainingSweep:
-    """The sweep of a seed; always the same, to be asked for in rising order because worlds are kept for a while."""
+def sweep(family: Family, seed: int, *, exact: bool = False) -> TrainingSweep:
+    """The sweep of a seed; always the same, to be asked for in rising order because worlds are kept for a while.
+
+    An `exact` one is the same without mounting error.
+    """
     world_seed, number = divmod(seed, SWEEPS_PER_WORLD)
-    return _world(family, world_seed).sweep(family, world_seed, number)
+    return _world(family, world_seed).sweep(family, world_seed, number, exact=exact)
 
 
 @lru_cache(2)
@@ -81,7 +86,7 @@ class _World:
             mover = build_mover(name, vehicle, path)
             self._add(merged(*(replace(part.mesh, vertices=placed_vertices(part, 0)) for part in mover.parts)))
             body = mover.body_at(0)
-            center = path.pose.apply(np.array([body.center_m]))[0]
+            center = path.poses(FIRST_NS).apply(np.array([body.center_m]))[0]
             boxes.append((*center.tolist(), *body.size_m, state.yaw_rad))
             self._grounds.append(footprint(shape_of(vehicle.shape, vehicle.scale), state))
         self._boxes = np.array(boxes, np.float64).reshape(-1, 7)
@@ -91,14 +96,14 @@ class _World:
         looks = [(look.reflectivity, look.mirror, look.transmission) for look in self._rows]
         self._looks = np.array(looks, np.float64).reshape(-1, 3)
 
-    def sweep(self, family: Family, seed: int, number: int) -> TrainingSweep:
+    def sweep(self, family: Family, seed: int, number: int, *, exact: bool) -> TrainingSweep:
         """The sweep of the scenario's lidar, or from number 1 on of another one."""
         draw, scenario = random_numbers_of(family, seed, 1 + number), self._scenario
         lidar = scenario.lidars["top"] if number == 0 else random_lidar(family, draw, scenario.ground, scenario.things)
+        lidar = lidar if exact else erring_lidar(lidar, "top", seed, number)
         base = self._ego_pose(draw, elsewhere=number > 0) if lidar.mounted_on else np.eye(4)
-        T_base_lidar = lidar.T_carrier_body("base").matrix
-        T_site_lidar = base @ T_base_lidar
-        beams = _directions(lidar)
+        T_site_lidar = base @ lidar.T_carrier_body("base").matrix
+        beams = pattern_of(lidar).beams(0).directions.reshape(-1, 3).astype(np.float32)
         directions = mapped(beams, T_site_lidar[:3, :3])
         met, range_m, body, share = self._surfaces(T_site_lidar[:3, 3], directions, draw)
         share *= np.exp(-SPECKLE * np.abs(draw.standard_normal(len(met))))
@@ -107,7 +112,7 @@ class _World:
         some = np.flatnonzero(kept)
         range_m = range_m.take(some) + draw.normal(0, lidar.range_noise_m, len(some)).astype(np.float32)
         scaled = lidar.intensity_gain * intensity(share.take(some)) - lidar.intensity_floor
-        T_out = T_site_lidar if not lidar.mounted_on else T_base_lidar
+        T_out = lidar.T_carrier_recorded("base").matrix
         xyz = mapped(beams.take(met.take(some), 0), T_out[:3, :3]) * range_m[:, None] + T_out[:3, 3].astype(np.float32)
         points = np.c_[xyz, np.clip(np.rint(scaled), 0, 255).astype(np.float32)]
         # Body 0 is the world, which stands still.
@@ -168,38 +173,11 @@ class _World:
             if not any(overlap(ground, other) for other in self._grounds):
                 ego = there
                 break
-        pose = self._stood(first_state(ego, self._routes)).pose
+        pose = self._stood(first_state(ego, self._routes)).poses(FIRST_NS)
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = pose.rotation[0], pose.translation[0]
         return matrix
 
-    def _stood(self, state: State) -> "_Standing":
-        """A road user on the ground."""
-        raised = RaisedPath(Trajectory(0, state), self._height)
-        return _Standing(raised.states(FIRST_NS), raised.poses(FIRST_NS))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Standing:
-    """The path of a road user in a snapshot, asked for at one time only; a `Carrier`."""
-
-    state: F64  # (1, 6) columns as of `Trajectory.states`
-    pose: Poses
-
-    def states(self, _: I64) -> F64:
-        return self.state
-
-    def poses(self, _: I64) -> Poses:
-        return self.pose
-
-
-def _directions(lidar: LidarScenario) -> F32:
-    """(N, 3) unit vectors of the beams of a `linear` lidar in its own frame."""
-    elevation = np.deg2rad(np.array(lidar.linear_elevations_deg))
-    azimuth = 2 * np.pi / lidar.columns * np.arange(lidar.columns)
-    across = np.cos(elevation)
-    beams = np.empty((lidar.columns, len(elevation), 3), np.float32)
-    beams[:, :, 0] = np.cos(azimuth)[:, None] * across
-    beams[:, :, 1] = -np.sin(azimuth)[:, None] * across
-    beams[:, :, 2] = np.sin(elevation)
-    return beams.reshape(-1, 3)
+    def _stood(self, state: State) -> RaisedPath:
+        """The path of a road user on the ground."""
+        return RaisedPath(Trajectory(0, state), self._height)

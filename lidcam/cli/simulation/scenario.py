@@ -20,6 +20,7 @@ from lidcam.bags.simulator.recorder.recorded import Recorded
 from lidcam.bags.simulator.recorder.start import simulating
 from lidcam.bags.simulator.scenario.load import load_scenario, overridden
 from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.worlds.errors import with_errors
 from lidcam.cli.printing.log import remark_log
 from lidcam.outputs.allowed import SIMULATED, TEXT, check_no_input, check_replaced
 from lidcam.readers.rig.rig_file import rig_yaml
@@ -29,29 +30,32 @@ if TYPE_CHECKING:
     from lidcam.bags.simulator.worlds.draw import Family
 
 
-def scenario_of(name: str, settings: Sequence[str], *, duration_s: float | None, seed: int | None) -> Scenario:
-    """A bundled scenario or a YAML file; settings, duration and seed override its own.
+def scenario_of(
+    name: str,
+    settings: Sequence[str],
+    *,
+    duration_s: float | None,
+    seed: int | None,
+    family: "Family | None" = None,
+    errors: bool | None = None,
+) -> Scenario:
+    """A bundled scenario or a YAML file, or one of a family drawn from the seed, by default 1.
+
+    Settings, duration and seed override its own. Sensors have errors drawn from the seed if `errors` is set; None: if
+    the scenario is drawn, too.
 
     Raises:
         ConfigError: there is no such scenario, or a value does not fit.
     """
-    scenario = load_scenario(name, tuple(settings))
+    if family is None:
+        scenario = load_scenario(name, tuple(settings))
+    else:
+        from lidcam.bags.simulator.worlds.draw import random_scenario  # OpenCV
+
+        scenario = overridden(random_scenario(family, 1 if seed is None else seed), tuple(settings))
     given = {"seed": seed, "duration_s": duration_s}
-    return scenario.model_copy(update={key: value for key, value in given.items() if value is not None})
-
-
-def drawn_scenario(
-    family: "Family", settings: Sequence[str], *, duration_s: float | None, seed: int | None
-) -> Scenario:
-    """A scenario drawn from a seed, by default 1; other arguments as in `scenario_of`.
-
-    Raises:
-        ConfigError: a value does not fit.
-    """
-    from lidcam.bags.simulator.worlds.draw import random_scenario  # OpenCV
-
-    scenario = overridden(random_scenario(family, 1 if seed is None else seed), tuple(settings))
-    return scenario if duration_s is None else scenario.model_copy(update={"duration_s": duration_s})
+    scenario = scenario.model_copy(update={key: value for key, value in given.items() if value is not None})
+    return with_errors(scenario) if errors or (errors is None and family) else scenario
 
 
 class Recorder:

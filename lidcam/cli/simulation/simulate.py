@@ -20,6 +20,7 @@ Examples:
   lidcam simulate crossing out.mcap --seed 7
   lidcam simulate my.yaml bag_folder --format sqlite3
   lidcam simulate random out.mcap --family road --seed 7
+  lidcam simulate crossing out.mcap --errors
   lidcam simulate sandbox out.bag --set lidars.velodyne1.clock_offset_ms=20
 """
 
@@ -48,6 +49,10 @@ def simulate(
         Literal["sandbox", "crossing", "road"] | None,
         typer.Option("--family", help="Family of worlds that `random` draws from. Default: road."),
     ] = None,
+    errors: Annotated[
+        bool | None,
+        typer.Option("--errors/--exact", help="Sensors with small errors, or none. Default: errors for `random` only."),
+    ] = None,
     settings: Setting = None,
     overwrite: Overwrite = False,
     shown: Annotated[  # noqa: ARG001, its callback ends the command
@@ -64,12 +69,11 @@ def simulate(
         raise typer.BadParameter(f"expected the scenario {RANDOM}, found {scenario}", param_hint="--family")
     check_simulator()
     from lidcam.cli.printing.progress import show_progress
-    from lidcam.cli.simulation.scenario import drawn_scenario, recording_to, scenario_of
+    from lidcam.cli.simulation.scenario import recording_to, scenario_of
 
     if scenario == RANDOM:
-        found = drawn_scenario(family or "road", settings or (), duration_s=duration_s, seed=seed)
-    else:
-        found = scenario_of(scenario, settings or (), duration_s=duration_s, seed=seed)
+        family = family or "road"
+    found = scenario_of(scenario, settings or (), duration_s=duration_s, seed=seed, family=family, errors=errors)
     with (
         recording_to(output, format_, found, read=scenario, overwrite=overwrite, workers=workers) as opened,
         show_progress(found.duration_s) as advance,

@@ -12,6 +12,7 @@ import numpy as np
 from lidcam.bags.simulator.scenario.open_world import GroundScenario, ThingScenario
 from lidcam.bags.simulator.world.bodies.cyclist import bicycle
 from lidcam.bags.simulator.world.mesh import Material, Mesh, box, cylinder, merged, sphere
+from lidcam.bags.simulator.world.places.furniture import BARK
 from lidcam.pipeline.core.arrays import F64, Bools
 
 ASPHALT = Material("asphalt", (0.30, 0.30, 0.31), 0.18, texture="asphalt")
@@ -21,7 +22,6 @@ NODES, FINE_SHARE = 111, 0.15
 KERB = 0.01  # width of a kerb as a share of half the road; of roads along x and y, of others the distance of nodes
 VARIANTS = 8  # different meshes of each form that is drawn
 PLAIN = Material("thing", (0.5, 0.5, 0.5))  # to be replaced by the material of each thing
-BARK = Material("bark", (0.34, 0.27, 0.21), 0.35, texture="bark")
 
 
 @cache

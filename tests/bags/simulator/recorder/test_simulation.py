@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from logging_state import kept_logging
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 from small_scenario import SMALL, write_small_scenario
 
+from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.bags.simulator.scenario.traffic import controller_topics
 from lidcam.cli.simulation.simulate import simulate as record
 from lidcam.pipeline.core.ros.typestores import message_types
@@ -202,6 +204,20 @@ def test_every_image_has_its_truth_and_boxes_say_whose_they_are(simulate: Simula
             assert [*scores(part)] == ["car", "image_pixels", "occlusion", "truncation"]
             assert [*scores(all_of_it)] == ["car", "image_pixels"]
     assert false_boxes > 0
+
+
+def test_drawn_errors_are_in_what_is_recorded_of_equal_measurements(plain: Path, tmp_path: Path) -> None:
+    wrong, again = tmp_path / "wrong.bag", tmp_path / "again.bag"
+    beside = wrong.with_name("wrong.bag.scenario.yaml")
+    with kept_logging():
+        record(str(plain.with_name("small.yaml")), wrong, duration_s=1.0, workers=1, errors=True)
+        record(str(beside), again, workers=1)
+    assert sums(again) == sums(wrong)
+    drawn = Scenario.model_validate(yaml.safe_load(beside.read_text(encoding="utf-8"))).cameras["front"]
+    images = (stamped(path, "/image/compressed") for path in (plain, wrong))
+    for (_, exact), (_, image) in zip(*images, strict=True):
+        assert stamp_ns(image) - stamp_ns(exact) == round(drawn.clock_offset_ms * MS) != 0
+        assert image.data.tobytes() == exact.data.tobytes()
 
 
 @pytest.mark.parametrize(

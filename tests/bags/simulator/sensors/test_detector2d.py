@@ -22,7 +22,7 @@ def image(*, hidden: float = 0.0, height: int = 60) -> CameraImage:
     return CameraImage(rgb, movers, np.array([80 * height, 30 * 80, 0], np.int64), boxes)
 
 
-def detected(shown: CameraImage, *, number: int = 0, **how: float) -> Detected:
+def detected(shown: CameraImage, *, number: int = 0, **how: Any) -> Detected:
     settings = {"pixel_noise_px": 0.0, "miss_rate": 0.0, "false_per_image": 0.0} | how
     scenario = Detector2DScenario.model_validate({"topic": "/detections"} | settings)
     return detect(scenario, shown, CLASSES, name="front", number=number, seed=1)
@@ -54,6 +54,11 @@ def test_what_is_not_found(shown: CameraImage, how: dict[str, Any], movers: list
     np.testing.assert_array_equal(found.movers, movers)
     assert found.xyxy.shape == (len(movers), 4)
     assert found.scores.shape == (len(movers),)
+
+
+def test_a_habit_moves_edges_outward_by_shares_of_each_box() -> None:
+    found = detected(image(), edge_bias=(0.05, -0.1, 0.025, 0.1))
+    np.testing.assert_allclose(found.xyxy, np.array([[46, 106, 132, 166], [18.5, 98, 50.75, 178]]))
 
 
 def test_rates_and_noise_are_those_asked_for() -> None:

@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 from small_worlds import GLASS, GREY, RETRO, WHITE, EvenPath, box_mover, fixed_at, scene, wall
-from velodyne import scan
+from velodyne import assert_as_judged, judged, scan
 
 from lidcam.bags.simulator.scenario.sensors import LidarScenario
 from lidcam.bags.simulator.sensors.lidar import Lidar, Sweep
@@ -56,10 +56,13 @@ def yard() -> Scene:
 
 
 @pytest.mark.parametrize("mode", ["strongest", "last", "dual"])
-@pytest.mark.parametrize("model", ["VLP-16", "HDL-32E", "VLP-32C"])
+@pytest.mark.parametrize("model", ["VLP-16", "Puck Hi-Res", "HDL-32E", "VLP-32C"])
 def test_packets_hold_the_same_points(model: str, mode: str) -> None:
+    """By lidcam's decoder, and by that of velodyne-decoder."""
     sweep = lidar(yard(), fixed_at((0, 0, 1.8)), model=model, return_mode=mode, output="both", phase_ms=20.0).sweep(3)
-    cloud = decode(sweep)
+    cloud, packets = decode(sweep), sweep.packets
+    assert packets is not None
+    assert_as_judged(cloud, judged(model, packets.payload, packets.stamps_ns), model)
     assert len(sweep) == len(cloud) > 5000
     decoded_ns = cloud.stamp_ns + cloud.time_offset_ns.astype(np.int64)
     types = np.zeros(len(sweep), np.uint8) if sweep.return_type is None else sweep.return_type

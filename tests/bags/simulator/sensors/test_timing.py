@@ -9,13 +9,9 @@ from lidcam.bags.simulator.sensors.timing import Timing
 MS = 1_000_000
 
 
-def sensor(**settings: object) -> SensorScenario:
-    values = {"topic": "/t", "frame_id": "f", "position_m": (0, 0, 0), "log_delay_ms": 0.0} | settings
-    return SensorScenario.model_validate(values)
-
-
 def timing(*, seed: int = 1, name: str = "s", trigger_jitter: bool = True, **settings: object) -> Timing:
-    return Timing(name, sensor(**settings), seed, trigger_jitter)
+    values = {"topic": "/t", "frame_id": "f", "position_m": (0, 0, 0), "log_delay_ms": 0.0} | settings
+    return Timing(name, SensorScenario.model_validate(values), seed, trigger_jitter)
 
 
 @pytest.mark.parametrize(("trigger_jitter", "moves"), [(True, True), (False, False)])
@@ -56,5 +52,5 @@ def test_one_fault_leaves_the_others_as_they_were(number: int, drop: float, jitt
     other = timing(jitter_ms=3.0, drop_rate=drop, log_jitter_ms=1.0, log_delay_ms=9.0).measurement(number)
     assert (other.begin_ns, other.stamp_ns, other.log_ns) == (first.begin_ns, first.stamp_ns, first.log_ns)
     late = timing(jitter_ms=jitter, drop_rate=0.3, log_jitter_ms=1.0, log_delay_ms=9.0, clock_offset_ms=offset)
-    assert late.measurement(number).lost == first.lost
-    assert late.measurement(number).log_ns - late.measurement(number).end_ns == first.log_ns - first.end_ns
+    found = late.measurement(number)
+    assert (found.lost, found.log_ns - found.end_ns) == (first.lost, first.log_ns - first.end_ns)

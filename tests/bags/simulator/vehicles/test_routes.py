@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from lidcam.bags.simulator.scenario.traffic import RouteScenario
 from lidcam.bags.simulator.vehicles.routes import Route
-from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import ConfigError
 
 Corners = tuple[tuple[float, ...], ...]
@@ -21,29 +20,17 @@ def route(corners: Corners, *, closed: bool = False, radius: float = 2.0) -> Rou
     )
 
 
-def dense(of: Route) -> F64:
-    return of.points(np.linspace(0, of.length_m * (1 - 1e-12), 20_001))
-
-
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("corners", [SQUARE, BENT])
 def test_a_place_is_as_far_along_as_the_way_to_it_is_long(corners: Corners, closed: bool) -> None:
     way = route(corners, closed=closed)
-    points = dense(way)
+    points = way.points(np.linspace(0, way.length_m * (1 - 1e-12), 20_001))
     steps = np.hypot(*np.diff(points[:, :2], axis=0).T)
     np.testing.assert_allclose(steps, way.length_m / 20_000, rtol=1e-6)
     direction = np.unwrap(np.arctan2(*np.diff(points[:, :2], axis=0).T[::-1]))
     np.testing.assert_allclose(np.unwrap(points[:-1, 2]) - direction, 0, atol=1e-3)  # no corner is left
     turn = np.diff(points[:, 2]) / steps
     assert np.mean(np.abs(turn - points[:-1, 3]) > 1e-3) < 1e-3  # but where straights and arcs meet
-
-
-@pytest.mark.parametrize("closed", [True, False])
-def test_one_place_is_as_many(closed: bool) -> None:
-    way = route(BENT, closed=closed)
-    along = np.linspace(-way.length_m, 2 * way.length_m, 997)
-    one_by_one = [(p.x_m, p.y_m, p.yaw_rad, p.curvature) for p in map(way.point, along)]
-    np.testing.assert_allclose(way.points(along), one_by_one, atol=1e-9)
 
 
 @given(st.floats(0.0, 40.0), st.floats(-0.8, 0.8), st.floats(-0.7, 0.7))

@@ -30,12 +30,21 @@ def inside(found: TrainingSweep, margin_m: float) -> I64:
 @pytest.mark.parametrize("family", FAMILIES)
 def test_boxes_hold_the_points_that_are_on_them(family: Family) -> None:
     for seed in (2 * SWEEPS_PER_WORLD, 2 * SWEEPS_PER_WORLD + 1):
-        found = sweep(family, seed)
+        found = sweep(family, seed, exact=True)
         assert found.points.dtype == np.float32
         assert len(found.points) > 5_000
         assert found.point_counts.max() > 100
         assert (inside(found, 3 * found.lidar.range_noise_m) >= 0.9 * found.point_counts).all()
         assert (inside(found, 0.45) >= found.point_counts).all()  # mirrors
+
+
+def test_points_have_the_mounting_error_of_their_lidar() -> None:
+    for seed in (2 * SWEEPS_PER_WORLD, 2 * SWEEPS_PER_WORLD + 1):
+        exact, erring = sweep("crossing", seed, exact=True), sweep("crossing", seed)
+        off = erring.origin - exact.origin
+        np.testing.assert_allclose(np.linalg.norm(off), np.linalg.norm(erring.lidar.miscalibration.xyz_cm) / 100)
+        np.testing.assert_allclose(erring.points[:, :3] - exact.points[:, :3] - off, 0, atol=2e-5)
+        np.testing.assert_array_equal(erring.centers, exact.centers)
 
 
 def test_a_car_sees_the_road_below_its_base_frame() -> None:
