@@ -27,8 +27,10 @@ MIN_BELIEF = 0.1
 class SightingsOf:
     """The sightings of frames, which come in order."""
 
-    def __init__(self, rig: Rig, class_count: int) -> None:
+    def __init__(self, rig: Rig, class_count: int, *, lidars_show_front: bool = True) -> None:
+        """Of a rig and its classes; whether the lidars' boxes tell front from rear, as those of clusters do not."""
         self._site_frame, self._class_count = rig.site_frame, class_count
+        self._lidars_show_front = lidars_show_front
         self._lidars = np.array([lidar.T_site_lidar.matrix[:2, 3] for lidar in rig.lidars]).reshape(-1, 2)
 
     def __call__(self, frame: FrameResult) -> FrameSightings:
@@ -66,6 +68,7 @@ class SightingsOf:
             sides=sides,
             faces=faces,
             end_points=end_points,
+            show_front=(rows < frame.hypotheses.lidar_count) & self._lidars_show_front,
         )
         return FrameSightings(frame.bundle.stamp_ns, T_fixed_site, sightings)
 

@@ -1,7 +1,7 @@
 """The trackers of a run: frames in, their objects out, with tracks and the cameras that confirm them."""
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -10,7 +10,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.core.detections import Fused
 from lidcam.pipeline.core.frame import FrameResult
-from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.rig import Rig, Zone
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.tracks import NO_TRACK
 from lidcam.pipeline.fusion.belief.memory import MAX_AGE_S
@@ -63,9 +63,8 @@ class Confirmations:
 class ObjectTracker:
     """Replaces the objects of frames, which come in order, by those of their tracks."""
 
-    def __init__(self, tracker: Tracker, rig: Rig, class_count: int) -> None:
-        self._tracker, self._zones = tracker, rig.zones
-        self._sightings_of = SightingsOf(rig, class_count)
+    def __init__(self, tracker: Tracker, sightings_of: SightingsOf, zones: Sequence[Zone]) -> None:
+        self._tracker, self._sightings_of, self._zones = tracker, sightings_of, zones
         self._confirmations = Confirmations()
         self._waiting: deque[tuple[Fused, FrameSightings, dict[str, I64]]] = deque()
 
@@ -105,4 +104,5 @@ def object_tracker(config: Config, rig: Rig) -> ObjectTracker | None:
         tracker = OfflineTracker(
             priors, min_existence=min_existence, window_s=settings.window_s, max_gap_s=settings.max_gap_s
         )
-    return ObjectTracker(tracker, rig, len(config.classes))
+    sightings_of = SightingsOf(rig, len(config.classes), lidars_show_front=config.detect3d.engine != "cluster")
+    return ObjectTracker(tracker, sightings_of, rig.zones)

@@ -119,6 +119,35 @@ def test_what_is_rarely_seen_is_left_out(belief: float, every: int) -> None:
     assert sum(map(len, rows)) == 0
 
 
+@pytest.mark.parametrize(("far", "near", "is_kept"), [(0.2, 0.98, True), (0.9, 0.2, False)])
+def test_the_frames_that_show_it_best_decide(far: float, near: float, is_kept: bool) -> None:
+    """A van that is doubted at first, and a false box that is taken for one from afar."""
+    frames = scene([Mover(straight(0, 0, 0, 0))], 60)
+    for index, one in enumerate(frames):
+        belief, points = (near, 800) if 40 <= index < 50 else (far, 15)
+        one.sightings.beliefs[:], one.sightings.point_counts[:] = belief, points
+        one.sightings.are_reported[:] = belief >= 0.5 or index < 5
+    assert len(tracked(frames)[20]) == is_kept
+
+
+def test_what_is_hidden_for_long_is_kept() -> None:
+    rows = tracked(scene([Mover(straight(0, 0, 0, 0), belief=0.9, seen=lambda k: not 15 <= k < 40)], 55))
+    assert ids(rows) == [[1]] * 55
+
+
+@pytest.mark.parametrize(("speed", "frames", "count"), [(33.0, 2, 0), (33.0, 20, 20), (8.0, 2, 2)])
+def test_what_appears_for_a_moment_is_not_as_fast_as_no_other(speed: float, frames: int, count: int) -> None:
+    rows = tracked(scene([Mover(straight(0, 0, 0, speed), belief=0.9, seen=lambda k: k < frames)], frames + 20))
+    assert sum(map(len, rows)) == count
+
+
+def test_what_is_doubted_goes_on_from_window_to_window() -> None:
+    frames = scene([Mover(straight(0, 0, 0, 0))], 200)
+    for one in frames[20:]:
+        one.sightings.beliefs[:], one.sightings.point_counts[:], one.sightings.are_reported[:] = 0.4, 5, False
+    assert ids(tracked(frames, window_s=4.0)) == [[1]] * 200
+
+
 def test_numbers_sizes_and_fronts_go_on_from_window_to_window() -> None:
     frames = scene(CARS, 260)
     rows, whole = tracked(frames, window_s=4.0), tracked(frames)
