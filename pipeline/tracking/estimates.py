@@ -13,10 +13,11 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Table, first_of_runs
 from lidcam.pipeline.core.geometry.boxes import rotations_2d
-from lidcam.pipeline.fusion.refining.box_prior import MAX_SIZE_SIGMA, SEEN_SIZE_SIGMA
+from lidcam.pipeline.fusion.refining.box_prior import MAX_SIZE_SIGMA, MIN_ANCHOR, SEEN_SIZE_SIGMA
 from lidcam.pipeline.tracking.motion import HEADING, SPEED, STATE, TURN, Motions, Priors, at_centers, at_rear_axles
 from lidcam.pipeline.tracking.sightings import (
     MIN_FRONT_TRAVEL,
+    NO_AXIS_VARIANCE,
     SHARED_ERROR,
     Scene,
     Sightings,
@@ -50,9 +51,6 @@ MIN_SIDE_VIEW = 0.25
 """Minimum sine of the angle between the view and the length; in line with it, what lies beyond the far end is another
 object."""
 
-MIN_LEVER = 0.25
-"""Minimum distance of the middle from the side that is kept in place, in extents, for the variance of the extent."""
-
 FRONT_PRIOR_VOTES = 0.5
 """Votes for each end before any box (Jeffreys' prior of a share)."""
 
@@ -61,9 +59,6 @@ LANE_FRONT_LOG_ODDS = 1.5
 
 START_WINDOW_S = 0.5
 """Window for the initial velocity, seconds."""
-
-NO_AXIS_VARIANCE = 400.0
-"""Yaw variance of boxes that show no axis, rad^2: they carry no heading."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,8 +145,7 @@ def estimated(scene: Scene, track_of: I64, priors: Priors, history: History | No
 
     Args:
         scene: N sightings.
-        track_of: (N,) track of each, -1 for none; a track has at most one in a frame. Numbers may have gaps: tracks
-            are ordered by their first sighting.
+        track_of: (N,) track of each, as from `renumbered`; a track has at most one in a frame.
         priors: All classes.
         history: History of the tracks, in their order; None for new tracks.
     """
@@ -162,8 +156,8 @@ def estimated(scene: Scene, track_of: I64, priors: Priors, history: History | No
     class_ids = votes.argmax(1)
     of_class = priors.select(class_ids)
     noise = FRAME_CORRELATION * measurement_covariances(hits.sightings, priors, JUMP_SIGMA)
+    noise[~of_class.show_axis[hits.tracks], 2, 2] = FRAME_CORRELATION * NO_AXIS_VARIANCE
     noise[~hits.sightings.are_reported] *= WEAK_NOISE
-    noise[~of_class.show_axis[hits.tracks], 2, 2] = NO_AXIS_VARIANCE
 
     boxes = _resized_boxes(hits, _sizes(hits, class_ids, of_class, history))
     free = _solved(scene, hits, _initial_courses(scene, hits, boxes, noise, of_class), boxes, noise)
@@ -203,7 +197,6 @@ def renumbered(track_of: I64) -> I64:
 
 
 def _hits(scene: Scene, track_of: I64) -> _Hits:
-    track_of = renumbered(track_of)
     rows = np.flatnonzero(track_of >= 0)
     rows = rows[np.argsort(track_of[rows], kind="stable")]
     tracks = track_of[rows]
@@ -224,19 +217,11 @@ def _sizes(
     extents[:, 0] = np.fmax(extents[:, 0], np.minimum(end_distances_m, extents[:, 0] + sigmas_m[:, 0]))
     is_class = sightings.class_ids == class_ids[hits.tracks]
     weights = np.where(is_class, sightings.beliefs, 1e-9) * np.maximum(sightings.point_counts, 1)
-    of_sides = np.where(of_class.are_solid[hits.tracks, None], _side_views(sightings) / sigmas_m**2, 1.0)
-    shares = np.where(of_class.are_solid, SIZE_QUANTILE, 0.5)
-    by_axis = (*(weights[:, None] * of_sides).T, weights)
-    found = [
-        weighted_quantiles(*one, share=share, groups=hits.tracks, count=len(hits))
-        for *one, share in zip(extents.T, by_axis, (shares, shares, 0.5), strict=True)
-    ]
+    of_sides = np.where(of_class.are_solid[hits.tracks, None], sightings.side_views / sigmas_m**2, 1.0)
+    shares, groups = np.where(of_class.are_solid, SIZE_QUANTILE, 0.5), (hits.tracks, len(hits))
+    found = [weighted_quantiles(extents[:, axis], weights * of_sides[:, axis], *groups, shares) for axis in (0, 1)]
+    found.append(weighted_quantiles(extents[:, 2], weights, *groups, 0.5))
     return np.where(np.isnan(history.sizes), np.stack(found, 1), history.sizes)
-
-
-def _side_views(sightings: Sightings) -> F64:
-    """(H, 2) sines of the angles between the view of the lidars and the length and the width."""
-    return np.asarray(sightings.faces / np.hypot(*sightings.faces.T)[:, None])
 
 
 def _extent_sigmas_m(sightings: Sightings) -> F64:
@@ -247,8 +232,8 @@ def _extent_sigmas_m(sightings: Sightings) -> F64:
     """
     turn, extents = rotations_2d(sightings.boxes[:, 2]), sightings.sizes[:, :2]
     variances = np.diagonal(turn.swapaxes(1, 2) @ sightings.covariances[:, :2, :2] @ turn, axis1=1, axis2=2)
-    lever = np.maximum(np.abs(sightings.sides), MIN_LEVER) / 2
-    sigmas_m = np.sqrt(np.maximum(variances - variances.min(1, keepdims=True), 0.0)) / lever
+    levers = np.maximum(np.abs(sightings.sides) / 2, MIN_ANCHOR)
+    sigmas_m = np.sqrt(variances - variances.min(1, keepdims=True)) / levers
     return np.asarray(np.clip(sigmas_m, SEEN_SIZE_SIGMA * extents, MAX_SIZE_SIGMA * extents))
 
 
@@ -372,5 +357,5 @@ def _distances_of_ends(hits: _Hits, free: _Pass, of_class: Priors) -> F64:
     between = ends[:, 0] - ends[:, 1]
     along = between[:, 0] * np.cos(yaws) + between[:, 1] * np.sin(yaws)
     along -= states[:, SPEED] * np.cos(states[:, HEADING] - yaws) * between[:, 2]
-    is_side_view = _side_views(hits.sightings)[:, 0] > MIN_SIDE_VIEW
+    is_side_view = hits.sightings.side_views[:, 0] > MIN_SIDE_VIEW
     return np.where(of_class.are_solid[hits.tracks] & is_side_view, np.abs(along), np.nan)

@@ -5,7 +5,6 @@ are joined, and tracks over gaps. A track that is too improbable as a whole is l
 the mean of its log odds counts, not their sum, and those frames most that could show it best.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -73,13 +72,14 @@ class OfflineTracker:
         """The rows of the frames from the first waiting one to `until`."""
         first = self._settled_count
         scene = Scene.of(self._frames)
-        labels = self._associated()
+        labels = self._associated(scene)
         if (labels < 0).all():
             self._keep(scene, np.zeros(len(labels), np.int64), until)
             self._history = History.none(0, len(self._priors))
             return [TrackRows.none()] * (until - first)
         estimates, history = self._estimated(scene, labels)
-        for join in (joined_in_place, self._over_gaps(scene), joined_in_place):
+        over_gaps = partial(joined_over_gaps, stamps_s=scene.stamps_s, priors=self._priors, max_gap_s=self._max_gap_s)
+        for join in (joined_in_place, over_gaps, joined_in_place):
             merged = join(estimates)
             if len(np.unique(merged)) < len(merged):
                 estimates, history = self._estimated(scene, _relabelled(scene, estimates, merged))
@@ -98,17 +98,18 @@ class OfflineTracker:
         history = self._history_of(labels)
         return estimated(scene, labels, self._priors, history), history
 
-    def _associated(self) -> I64:
+    def _associated(self, scene: Scene) -> I64:
         """(N,) track of each sighting, frame by frame; -1 for none."""
         tracker = OnlineTracker(self._priors, min_existence=0.0, max_gap_s=self._max_gap_s)
         ids: list[I64] = []
-        for frame in self._frames:
-            tracker.add_frame(frame)
+        begins = scene.sightings.are_reported.copy()
+        # What belongs to a track begins it in this window, too, which may show nothing surer of it.
+        begins[: len(self._settled_ids)] |= self._settled_ids > 0
+        for frame, (first, last) in zip(self._frames, pairwise(scene.starts.tolist()), strict=True):
+            sightings = replace(frame.sightings, are_reported=begins[first:last])
+            tracker.add_frame(replace(frame, sightings=sightings))
             ids.append(np.where(tracker.ids_of_sightings > 0, tracker.ids_of_sightings, -1))
         return np.concatenate(ids)
-
-    def _over_gaps(self, scene: Scene) -> Callable[[Estimates], I64]:
-        return partial(joined_over_gaps, stamps_s=scene.stamps_s, priors=self._priors, max_gap_s=self._max_gap_s)
 
     def _existence(self, scene: Scene, estimates: Estimates, history: History) -> F64:
         """(T,) weighted mean log odds of existence; how likely the speed of a new track is counts as one frame more."""
@@ -181,13 +182,7 @@ class OfflineTracker:
         last_ns = scene.stamps_ns[min(until, len(self._frames) - 1)]
         keep_from = int(np.searchsorted(scene.stamps_ns, last_ns - self._overlap_ns))
         self._settled_ids = ids[scene.starts[keep_from] : scene.starts[until]]
-        # What continues a track does so in the next window, too, which may show nothing else of it.
-        bounds = pairwise(scene.starts[keep_from:].tolist())
-        self._frames = [
-            replace(frame, sightings=frame.sightings.also_reported(ids[first:last] > 0))
-            for frame, (first, last) in zip(self._frames[keep_from:], bounds, strict=True)
-        ]
-        self._settled_count = until - keep_from
+        self._frames, self._settled_count = self._frames[keep_from:], until - keep_from
         return keep_from
 
 

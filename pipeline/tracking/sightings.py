@@ -1,6 +1,6 @@
 """Input and output of trackers, in the fixed frame: the sightings of a frame, and its tracks."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Self
 
@@ -64,15 +64,11 @@ class Sightings(Table):
     sources: U8  # (N,) uint8
     # (N, 2) float64 in [-1, 1], position of the lidars along its length and width: 1 beyond its front, or its left side
     sides: F64
-    faces: F64  # (N, 2) float64, visibility of its length and its width for the lidars, 1/m^2
+    side_views: F64  # (N, 2) float64, sines of the angles between the view of the lidars and its length and width
     # (N, 2, 3) float64, its foremost and rearmost point: x and y in the fixed frame, and seconds after the stamp; NaN
     # with too few points
     end_points: F64
     show_front: Bools  # (N,) bool, whether the yaw tells front from rear, as that of clusters and of 2D boxes does not
-
-    def also_reported(self, rows: Bools) -> Self:
-        """The same sightings, of which the frame reports those of the mask (N,), too."""
-        return replace(self, are_reported=self.are_reported | rows)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,11 +78,6 @@ class FrameSightings:
     stamp_ns: int
     T_fixed_site: F64
     sightings: Sightings
-
-    @property
-    def turn_rad(self) -> float:
-        """Yaw of the site frame in the fixed frame."""
-        return float(np.arctan2(self.T_fixed_site[1, 0], self.T_fixed_site[0, 0]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
+from functools import partial
 
 import numpy as np
 
@@ -19,18 +19,6 @@ from lidcam.pipeline.tracking.motion import Priors
 from lidcam.pipeline.tracking.offline import OfflineTracker
 from lidcam.pipeline.tracking.online import OnlineTracker
 from lidcam.pipeline.tracking.sightings import FrameSightings, TrackRows
-
-
-class Tracker(Protocol):
-    """Finds the tracks in frames that come in order."""
-
-    def add_frame(self, frame: FrameSightings) -> list[TrackRows]:
-        """Add a frame; the rows of the oldest waiting frames that are settled."""
-        ...
-
-    def finish(self) -> list[TrackRows]:
-        """The rows of all waiting frames."""
-        ...
 
 
 class Confirmations:
@@ -63,7 +51,9 @@ class Confirmations:
 class ObjectTracker:
     """Replaces the objects of frames, which come in order, by those of their tracks."""
 
-    def __init__(self, tracker: Tracker, sightings_of: SightingsOf, zones: Sequence[Zone]) -> None:
+    def __init__(
+        self, tracker: OnlineTracker | OfflineTracker, sightings_of: SightingsOf, zones: Sequence[Zone]
+    ) -> None:
         self._tracker, self._sightings_of, self._zones = tracker, sightings_of, zones
         self._confirmations = Confirmations()
         self._waiting: deque[tuple[Fused, FrameSightings, dict[str, I64]]] = deque()
@@ -94,15 +84,10 @@ class ObjectTracker:
 
 def object_tracker(config: Config, rig: Rig) -> ObjectTracker | None:
     """The configured tracker; None without tracking."""
-    settings, priors, min_existence = config.track, Priors.of_classes(config.classes), config.fuse.min_score
-    tracker: Tracker
-    if settings.mode == "none":
+    if config.track.mode == "none":
         return None
-    if settings.mode == "online":
-        tracker = OnlineTracker(priors, min_existence=min_existence, max_gap_s=settings.max_gap_s)
-    else:
-        tracker = OfflineTracker(
-            priors, min_existence=min_existence, window_s=settings.window_s, max_gap_s=settings.max_gap_s
-        )
+    make = OnlineTracker if config.track.mode == "online" else partial(OfflineTracker, window_s=config.track.window_s)
+    priors = Priors.of_classes(config.classes)
+    tracker = make(priors, min_existence=config.fuse.min_score, max_gap_s=config.track.max_gap_s)
     sightings_of = SightingsOf(rig, len(config.classes), lidars_show_front=config.detect3d.engine != "cluster")
     return ObjectTracker(tracker, sightings_of, rig.zones)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tracked_scenes import CAR, PERIOD_S, PRIORS, START_NS, Mover, Place, scene, straight
 
-from lidcam.pipeline.tracking.estimates import History, estimated
+from lidcam.pipeline.tracking.estimates import History, estimated, renumbered
 from lidcam.pipeline.tracking.motion import HEADING, TURN
 from lidcam.pipeline.tracking.sightings import FrameSightings, Scene
 
@@ -36,7 +36,7 @@ def test_points_beyond_the_ends_make_a_box_longer_that_is_unsure_of_them(
     side: float, sigma_m: float, length: float
 ) -> None:
     whole, labels = one_track(scene([Mover(straight(0, 0, 0, 5.0))], 30, noise_m=0.01))
-    whole.sightings.faces[:] = [side + 1e-9, 1.0]
+    whole.sightings.side_views[:, 0] = side + 1e-9
     whole.sightings.sides[:, 0] = 1.0
     whole.sightings.covariances[:, 0, 0] = sigma_m**2
     x = whole.sightings.boxes[:, 0]
@@ -69,7 +69,7 @@ def test_what_is_known_stays() -> None:
 
 def test_tracks_are_ordered_by_their_first_sighting() -> None:
     whole = Scene.of(scene([Mover(straight(0, 0, 0, 0)), Mover(straight(9, 0, 0, 0))], 4))
-    labels = np.where(np.arange(8) % 2 == 0, 7, 3)
+    labels = renumbered(np.where(np.arange(8) % 2 == 0, 7, 3))
     found = estimated(whole, labels, PRIORS)
     assert found.motions.states[found.courses.starts[:-1], 0] == pytest.approx([0, 9], abs=0.3)
     assert found.labels(8).tolist() == [0, 1] * 4
