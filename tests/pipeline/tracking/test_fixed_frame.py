@@ -135,5 +135,13 @@ def test_every_frame_is_given_once(mode: str, waits: bool) -> None:
     assert all(fused.tracks is not None for fused in left)
 
 
+@pytest.mark.parametrize("shown", [False, True])
+def test_lidars_show_fronts_and_cameras_do_not(shown: bool) -> None:
+    one = result()
+    one = replace(one, hypotheses=replace(one.hypotheses, lidar_count=2))
+    seen = SightingsOf(RIG, CLASSES, lidars_show_front=shown)(one)
+    assert seen.sightings.show_front.tolist() == [shown, shown, False]
+
+
 def test_without_tracks_there_is_no_tracker() -> None:
     assert object_tracker(load_config(settings={"track.mode": "none"}), RIG) is None
