@@ -36,8 +36,8 @@ def test_of_nothing_there_are_no_tracks(frames: int) -> None:
     assert ids(tracked(scene([], frames))) == [[]] * frames
 
 
-@pytest.mark.parametrize("frames", [1, 2])
-def test_a_recording_of_few_frames_has_its_objects(frames: int) -> None:
+@pytest.mark.parametrize("frames", [1, 2, 40])
+def test_each_car_has_one_number_from_its_first_sighting_on(frames: int) -> None:
     assert ids(tracked(scene(CARS, frames))) == [[1, 2, 3]] * frames
 
 
@@ -50,10 +50,6 @@ def test_frames_that_are_far_apart_have_their_objects() -> None:
 def test_what_is_seen_for_a_moment_only_is_left_out(frames: Sequence[int], count: int) -> None:
     rows = tracked(scene([Mover(straight(0, 0, 0, 0), belief=0.9, seen=lambda k: k in frames)], 20))
     assert sum(map(len, rows)) == count
-
-
-def test_each_car_has_one_number_from_its_first_sighting_on() -> None:
-    assert ids(tracked(scene(CARS, 40))) == [[1, 2, 3]] * 40
 
 
 def test_the_smoothed_track_is_nearer_than_what_was_seen() -> None:
