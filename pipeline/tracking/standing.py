@@ -40,7 +40,7 @@ AXIS_SIGMA_RAD = 0.1
 """Standard deviation of the axis of a parked object, radians."""
 
 MIN_MOVED_DISTANCE = 0.3
-"""Minimum distance from its parking position at which an object has moved, in motion scales."""
+"""Minimum distance from its parking position at which an object has moved, in motion scales, beyond its deviation."""
 
 MIN_LANE_SPEED = 0.5
 """Minimum speed of traffic that defines a lane, in lengths of the parked object per second; slower may be parking."""
@@ -111,18 +111,18 @@ def find_parked(
     """
     tracks, count = courses.cell_tracks, len(courses)
     positions, scales_m = motions.states[:, :2], of_class.scales_m[tracks]
-    weights = cells.are_seen / np.trace(cells.noise[:, :2, :2], axis1=1, axis2=2)
-    standing_shares = np.bincount(tracks, weights * standing, count) / np.bincount(tracks, weights, count)
-    mostly = (standing_shares > MIN_PARKED_SHARE) & of_class.show_axis
-    weights = standing.astype(np.float64)
-    parked_at = [weighted_quantiles(positions[:, axis], weights, tracks, count, 0.5) for axis in (0, 1)]
+    variances = np.trace(cells.noise[:, :2, :2], axis1=1, axis2=2)
+    weights = cells.are_seen / variances
+    mostly = np.bincount(tracks, weights * standing, count) > MIN_PARKED_SHARE * np.bincount(tracks, weights, count)
+    parked_at = [weighted_quantiles(positions[:, axis], 1.0 * standing, tracks, count, 0.5) for axis in (0, 1)]
     distances = np.linalg.norm(cells.boxes[:, :2] - np.stack(parked_at, 1)[tracks], axis=1)
     weights = np.where(cells.are_seen & standing, 1 / cells.noise[:, 2, 2], 0.0)
     cos, sin = (np.bincount(tracks, weights * of(2 * cells.boxes[:, 2]), count) for of in (np.cos, np.sin))
     axes = np.arctan2(sin, cos) / 2
     along = np.abs(np.sin(cells.boxes[:, 2] - axes[tracks])) < np.sin(MAX_AXIS_TURN_RAD)
-    moved = np.bincount(tracks, cells.are_seen & along & (distances > MIN_MOVED_DISTANCE * scales_m), count)
-    standing = standing | (mostly & (moved == 0))[tracks]
+    is_away = distances > MIN_MOVED_DISTANCE * scales_m + np.sqrt(variances)
+    moved = np.bincount(tracks, cells.are_seen & along & is_away, count)
+    standing = standing | (mostly & (moved == 0) & of_class.show_axis)[tracks]
     throughout = (np.bincount(tracks, ~standing, count) == 0) & of_class.show_axis
     return standing, np.where(throughout, axes, np.nan)
 
