@@ -110,11 +110,11 @@ def find_parked(
     boxes of few points are turned and displaced.
     """
     tracks, count = courses.cell_tracks, len(courses)
-    positions, scales_m = motions.states[:, :2], of_class.scales_m[tracks]
+    xy, scales_m = motions.states[:, :2], of_class.scales_m[tracks]
     variances = np.trace(cells.noise[:, :2, :2], axis1=1, axis2=2)
     weights = cells.are_seen / variances
     mostly = np.bincount(tracks, weights * standing, count) > MIN_PARKED_SHARE * np.bincount(tracks, weights, count)
-    parked_at = [weighted_quantiles(positions[:, axis], 1.0 * standing, tracks, count, 0.5) for axis in (0, 1)]
+    parked_at = [weighted_quantiles(xy[:, axis], standing.astype(np.float64), tracks, count, 0.5) for axis in (0, 1)]
     distances = np.linalg.norm(cells.boxes[:, :2] - np.stack(parked_at, 1)[tracks], axis=1)
     weights = np.where(cells.are_seen & standing, 1 / cells.noise[:, 2, 2], 0.0)
     cos, sin = (np.bincount(tracks, weights * of(2 * cells.boxes[:, 2]), count) for of in (np.cos, np.sin))
