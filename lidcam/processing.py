@@ -39,7 +39,7 @@ from lidcam.readers.rig.sensor_topics import CLOUD
 from lidcam.readers.streams.motion import find_motion_source
 from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.run.box_sources import box_source, check_box_source, engine_3d
-from lidcam.run.build import build_graph
+from lidcam.run.build import build_graph, decided
 from lidcam.run.choice import use_settings
 from lidcam.run.effect import settings_sha256
 from lidcam.run.first_look import corrected_by_recording
@@ -196,7 +196,7 @@ class Run:
         self._make_graph = partial(build_graph, source.config, source.rig, on_bad=drops.on_bad)
         self._graph, self._result = self._make_graph()
         self._graph.seconds["first look"] = first_look_s
-        self._tracker = object_tracker(source.config, source.rig)
+        self._tracker = object_tracker(decided(source.config, source.rig), source.rig)
         check_box_source(source.config, source.recording, source.rig)
         self._workers = source.config.run.workers or usable_cores()
         self._processes: Sequence[WorkerProcess] = ()

@@ -20,7 +20,7 @@ from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.pipeline.tracking.trackers import object_tracker
 from lidcam.run.box_sources import box_source
-from lidcam.run.build import build_graph
+from lidcam.run.build import build_graph, decided
 from lidcam.run.frames import RunInput, TimeWindow, bundles, expected_frames, sensor_clocks
 from lidcam.run.tally import DropTable
 
@@ -66,7 +66,7 @@ def _looked_at(source: RunInput) -> Iterator[FrameResult]:
     config = source.config.model_copy(update={"track": track})
     drops = DropTable("skip")
     graph, result = build_graph(config, source.rig, on_bad=drops.on_bad)
-    tracker = object_tracker(config, source.rig)
+    tracker = object_tracker(decided(config, source.rig), source.rig)
     if tracker is None:
         raise AssertionError("online tracks have a tracker")
     for window in stretches(source):

@@ -1,9 +1,9 @@
 """Tracks estimated from all their sightings at once: class, size, front, and the state in every frame.
 
-The class is that with the largest sum of beliefs. The size is the median of the boxes, each side weighted by its
-visibility for the lidars; the length of vehicles comes from the extent of their points over all frames. Each box gets
-that size, with the side that the lidars saw kept in place. The front is where the object went. A parked object has one
-pose.
+The class is that with the largest sum of beliefs. Length and width are quantiles of the boxes', weighted by the number
+of points and by how well their covariances say that both ends were seen. Each box gets that size, with the side that
+the lidars saw kept in place. The front is where the object went; that of a parked object, which has one pose, is the
+likelier one by its boxes and the lane beside it.
 """
 
 from dataclasses import dataclass, replace
@@ -12,9 +12,12 @@ from typing import Self
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Table, first_of_runs
+from lidcam.pipeline.core.geometry.boxes import rotations_2d
+from lidcam.pipeline.fusion.refining.box_prior import MAX_SIZE_SIGMA, MIN_ANCHOR, SEEN_SIZE_SIGMA
 from lidcam.pipeline.tracking.motion import HEADING, SPEED, STATE, TURN, Motions, Priors, at_centers, at_rear_axles
 from lidcam.pipeline.tracking.sightings import (
     MIN_FRONT_TRAVEL,
+    NO_AXIS_VARIANCE,
     SHARED_ERROR,
     Scene,
     Sightings,
@@ -31,29 +34,31 @@ from lidcam.pipeline.tracking.standing import (
     weighted_quantiles,
 )
 
+WEAK_NOISE = 30.0
+"""Factor of the variances of a box that the frame by itself does not report: it may be another thing's, or turned."""
+
 JUMP_SIGMA = 0.03
 """As in `online`; smaller, since the size of a track is settled."""
 
 MIN_LANE_TRAVEL = 3.0
 """Minimum travel, in motion scales, before a track defines a lane; less may be a wrong assignment."""
 
-LENGTH_QUANTILE = 0.95
-"""Quantile of the distances between the ends in single frames that is taken as the length."""
-
-MIN_LENGTH_FRAMES = 5
-"""Minimum number of frames with both ends before the length is taken from them."""
+SIZE_QUANTILE = 0.75
+"""Quantile of the weighted lengths and widths; above the median, as other objects hide ends more often than they add to
+them."""
 
 MIN_SIDE_VIEW = 0.25
-"""Minimum visibility of the length, as a share of that of both sides, in such a frame."""
+"""Minimum sine of the angle between the view and the length; in line with it, what lies beyond the far end is another
+object."""
 
-MIN_LENGTH_SHARE = 0.6
-"""Minimum measured length, as a share of the class length; shorter objects were seen in part."""
+FRONT_PRIOR_VOTES = 0.5
+"""Votes for each end before any box (Jeffreys' prior of a share)."""
+
+LANE_FRONT_LOG_ODDS = 1.5
+"""Log odds that a vehicle is parked the way of the lane beside it; in narrow streets many are not."""
 
 START_WINDOW_S = 0.5
 """Window for the initial velocity, seconds."""
-
-NO_AXIS_VARIANCE = 400.0
-"""Yaw variance of boxes that show no axis, rad^2: they carry no heading."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,8 +109,8 @@ class History(Table):
     votes: F64  # (T, C) sums of beliefs by class
     sizes: F64  # (T, 3), NaN where unknown
     headings: F64  # (T,) heading in the first frame of the track in this stretch; NaN where the front is not known
-    log_odds: F64  # (T,) sum of the log odds of its frames
-    counts: I64  # (T,) int64, number of frames
+    log_odds: F64  # (T,) weighted sum of the log odds of its frames
+    weights: F64  # (T,) sum of their weights
     firsts_ns: I64  # (T,) int64, time of the first sighting; -1 of a new track
 
     @classmethod
@@ -117,7 +122,7 @@ class History(Table):
             sizes=np.full((count, 3), np.nan),
             headings=np.full(count, np.nan),
             log_odds=np.zeros(count),
-            counts=np.zeros(count, np.int64),
+            weights=np.zeros(count),
             firsts_ns=np.full(count, -1, np.int64),
         )
 
@@ -135,37 +140,33 @@ class _Pass:
 def estimated(scene: Scene, track_of: I64, priors: Priors, history: History | None = None) -> Estimates:
     """Tracks from their sightings.
 
-    The states are solved once freely; that shows which objects stand and which way they face. The second solution uses
-    both, and the third the lengths by the ends of the objects.
+    The states are solved once freely, which shows how fast objects are, which ones stand, and which way they face. The
+    second solution uses that.
 
     Args:
         scene: N sightings.
-        track_of: (N,) track of each, -1 for none; a track has at most one in a frame. Numbers may have gaps: tracks
-            are ordered by their first sighting.
+        track_of: (N,) track of each, as from `renumbered`; a track has at most one in a frame.
         priors: All classes.
-        history: History of the tracks, in their order; with it, lengths are measured.
+        history: History of the tracks, in their order; None for new tracks.
     """
     hits = _hits(scene, track_of)
-    measures_lengths = history is not None
     history = History.none(len(hits), len(priors)) if history is None else history
     votes = history.votes.copy()
     np.add.at(votes, (hits.tracks, hits.sightings.class_ids), hits.sightings.beliefs)
     class_ids = votes.argmax(1)
     of_class = priors.select(class_ids)
     noise = FRAME_CORRELATION * measurement_covariances(hits.sightings, priors, JUMP_SIGMA)
-    noise[~of_class.show_axis[hits.tracks], 2, 2] = NO_AXIS_VARIANCE
-    sizes = np.where(np.isnan(history.sizes), _median_sizes(hits, class_ids), history.sizes)
-    boxes = _resized_boxes(hits, sizes)
+    noise[~of_class.show_axis[hits.tracks], 2, 2] = FRAME_CORRELATION * NO_AXIS_VARIANCE
+    noise[~hits.sightings.are_reported] *= WEAK_NOISE
+
+    boxes = _resized_boxes(hits, _sizes(hits, class_ids, of_class, history))
     free = _solved(scene, hits, _initial_courses(scene, hits, boxes, noise, of_class), boxes, noise)
     free, standing = _with_parked(scene, free, of_class)
     turned, fronts_known = _fronts(scene, hits, free, standing, of_class, history)
+
+    sizes = _sizes(hits, class_ids, of_class, history, _distances_of_ends(hits, free, of_class))
     courses = _restarted(free, turned, standing, of_class.rear_m(sizes[:, 0]))
-    solution = _solved(scene, hits, courses, boxes, noise, standing)
-    if measures_lengths:
-        lengths = _measured_lengths(hits, solution, sizes, of_class)
-        sizes = np.where(np.isnan(history.sizes), lengths, history.sizes)
-        courses = _restarted(solution, np.zeros_like(turned), standing, of_class.rear_m(sizes[:, 0]))
-        solution = _solved(scene, hits, courses, _resized_boxes(hits, sizes), noise, standing)
+    solution = _solved(scene, hits, courses, _resized_boxes(hits, sizes), noise, standing)
     cells, motions = solution.cells, solution.motions
     sightings = np.full(len(cells), -1, np.int64)
     sightings[solution.cell_of_hit] = hits.rows
@@ -196,7 +197,6 @@ def renumbered(track_of: I64) -> I64:
 
 
 def _hits(scene: Scene, track_of: I64) -> _Hits:
-    track_of = renumbered(track_of)
     rows = np.flatnonzero(track_of >= 0)
     rows = rows[np.argsort(track_of[rows], kind="stable")]
     tracks = track_of[rows]
@@ -205,16 +205,36 @@ def _hits(scene: Scene, track_of: I64) -> _Hits:
     return _Hits(tracks, rows, scene.frames[rows], firsts, lasts, scene.sightings.select(rows))
 
 
-def _median_sizes(hits: _Hits, class_ids: I64) -> F64:
-    """(T, 3) medians of the sizes of boxes of the track's class, each side weighted by its visibility."""
+def _sizes(
+    hits: _Hits, class_ids: I64, of_class: Priors, history: History, end_distances_m: F64 | float = np.nan
+) -> F64:
+    """(T, 3) sizes by the history, else quantiles of those of the boxes of the track's class; distances (H,) or NaN.
+
+    Where points reach beyond the ends of a box, it is longer by up to a standard deviation of its length.
+    """
     sightings = hits.sightings
-    weights = np.where(sightings.class_ids == class_ids[hits.tracks], sightings.beliefs, 1e-9)
-    sides = sightings.faces * weights[:, None]
-    columns = [
-        weighted_quantiles(sightings.sizes[:, axis], weight, hits.tracks, len(hits), 0.5)
-        for axis, weight in enumerate((sides[:, 0], sides[:, 1], sides.sum(1)))
-    ]
-    return np.stack(columns, 1)
+    extents, sigmas_m = sightings.sizes.copy(), _extent_sigmas_m(sightings)
+    extents[:, 0] = np.fmax(extents[:, 0], np.minimum(end_distances_m, extents[:, 0] + sigmas_m[:, 0]))
+    is_class = sightings.class_ids == class_ids[hits.tracks]
+    weights = np.where(is_class, sightings.beliefs, 1e-9) * np.maximum(sightings.point_counts, 1)
+    of_sides = np.where(of_class.are_solid[hits.tracks, None], sightings.side_views / sigmas_m**2, 1.0)
+    shares, groups = np.where(of_class.are_solid, SIZE_QUANTILE, 0.5), (hits.tracks, len(hits))
+    found = [weighted_quantiles(extents[:, axis], weights * of_sides[:, axis], *groups, shares) for axis in (0, 1)]
+    found.append(weighted_quantiles(extents[:, 2], weights, *groups, 0.5))
+    return np.where(np.isnan(history.sizes), np.stack(found, 1), history.sizes)
+
+
+def _extent_sigmas_m(sightings: Sightings) -> F64:
+    """(H, 2) standard deviations of length and width by the covariances of the boxes.
+
+    Where a side was not seen, the middle is as uncertain along the box as half the extent; where both were, it is no
+    more so than across.
+    """
+    turn, extents = rotations_2d(sightings.boxes[:, 2]), sightings.sizes[:, :2]
+    variances = np.diagonal(turn.swapaxes(1, 2) @ sightings.covariances[:, :2, :2] @ turn, axis1=1, axis2=2)
+    levers = np.maximum(np.abs(sightings.sides) / 2, MIN_ANCHOR)
+    sigmas_m = np.sqrt(variances - variances.min(1, keepdims=True)) / levers
+    return np.asarray(np.clip(sigmas_m, SEEN_SIZE_SIGMA * extents, MAX_SIZE_SIGMA * extents))
 
 
 def _resized_boxes(hits: _Hits, sizes: F64) -> F64:
@@ -301,8 +321,10 @@ def _fronts(
     after_s = np.diff(scene.stamps_s, prepend=0.0)[frames]
     after_s[standing] = after_s[courses.starts[:-1]] = 0.0
     along_m = np.bincount(tracks, motions.states[:, SPEED] * after_s, len(courses))
-    agreement = np.sign(np.cos(hits.sightings.boxes[:, 2] - motions.states[free.cell_of_hit, HEADING]))
-    front_votes = np.bincount(hits.tracks, hits.sightings.beliefs * agreement, len(courses))
+    agrees = np.cos(hits.sightings.boxes[:, 2] - motions.states[free.cell_of_hit, HEADING]) > 0
+    votes = hits.sightings.beliefs * hits.sightings.show_front / FRAME_CORRELATION
+    votes_for, votes_against = (np.bincount(hits.tracks, votes * side, len(courses)) for side in (agrees, ~agrees))
+    log_odds = np.log((votes_for + FRONT_PRIOR_VOTES) / (votes_against + FRONT_PRIOR_VOTES))
     first = motions.states[courses.starts[:-1], : HEADING + 1]
     stays = (np.abs(along_m) < MIN_FRONT_TRAVEL * of_class.scales_m) & of_class.show_axis
     parked = np.flatnonzero(stays & of_class.are_solid)
@@ -310,9 +332,8 @@ def _fronts(
     drives = (np.abs(along_m) > MIN_LANE_TRAVEL * of_class.scales_m) & of_class.show_axis & (lasts_s > MIN_STANDING_S)
     paths = driven_paths(motions.select(drives[tracks]), scene.sites_xy, scene.stamps_s)
     lanes = lane_directions(first[parked], of_class.scales_m[parked], paths)
-    lane_votes = np.cos(lanes - first[parked, HEADING])
-    front_votes[parked] = np.where(np.isfinite(lanes), lane_votes, front_votes[parked])
-    turned = np.where(stays, front_votes < 0, along_m < 0)
+    log_odds[parked] += LANE_FRONT_LOG_ODDS * np.nan_to_num(np.sign(np.cos(lanes - first[parked, HEADING])))
+    turned = np.where(stays, log_odds < 0, along_m < 0)
     was_known = np.isfinite(history.headings)
     turned = np.where(was_known, np.cos(first[:, HEADING] - history.headings) < 0, turned)
     return turned, was_known | (np.abs(along_m) > MIN_FRONT_TRAVEL * of_class.scales_m)
@@ -330,20 +351,11 @@ def _restarted(solution: _Pass, turned: Bools, standing: Bools, rear_m: F64) -> 
     return replace(courses, states=states, covariances=covariances, rear_m=rear_m)
 
 
-def _measured_lengths(hits: _Hits, solution: _Pass, sizes: F64, of_class: Priors) -> F64:
-    """Sizes (T, 3) whose length is the distance between the ends, where both were seen often enough."""
-    states = solution.motions.states[solution.cell_of_hit]
-    ends, cos, sin = hits.sightings.end_points, np.cos(states[:, HEADING]), np.sin(states[:, HEADING])
-    offsets = ends[..., :2] - states[:, None, :2]
-    along = offsets[..., 0] * cos[:, None] + offsets[..., 1] * sin[:, None] - states[:, None, SPEED] * ends[..., 2]
-    extents = np.abs(along[:, 0] - along[:, 1])
-    faces = hits.sightings.faces
-    side_view = faces[:, 0] / np.hypot(faces[:, 0], faces[:, 1])
-    usable = np.isfinite(extents) & (side_view > MIN_SIDE_VIEW) & of_class.are_solid[hits.tracks]
-    weights = np.where(usable, side_view * hits.sightings.point_counts, 0.0)
-    lengths = weighted_quantiles(np.nan_to_num(extents), weights, hits.tracks, len(hits), LENGTH_QUANTILE)
-    enough = np.bincount(hits.tracks, usable, len(hits)) >= MIN_LENGTH_FRAMES
-    enough &= lengths > MIN_LENGTH_SHARE * of_class.lengths_m
-    out = sizes.copy()
-    out[enough, 0] = lengths[enough]
-    return out
+def _distances_of_ends(hits: _Hits, free: _Pass, of_class: Priors) -> F64:
+    """(H,) distance between foremost and rearmost point, less the motion between them; NaN where not measured."""
+    states, yaws, ends = free.motions.states[free.cell_of_hit], hits.sightings.boxes[:, 2], hits.sightings.end_points
+    between = ends[:, 0] - ends[:, 1]
+    along = between[:, 0] * np.cos(yaws) + between[:, 1] * np.sin(yaws)
+    along -= states[:, SPEED] * np.cos(states[:, HEADING] - yaws) * between[:, 2]
+    is_side_view = hits.sightings.side_views[:, 0] > MIN_SIDE_VIEW
+    return np.where(of_class.are_solid[hits.tracks] & is_side_view, np.abs(along), np.nan)

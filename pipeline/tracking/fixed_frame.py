@@ -27,8 +27,10 @@ MIN_BELIEF = 0.1
 class SightingsOf:
     """The sightings of frames, which come in order."""
 
-    def __init__(self, rig: Rig, class_count: int) -> None:
+    def __init__(self, rig: Rig, class_count: int, *, lidars_show_front: bool = True) -> None:
+        """Of a rig and its classes; whether the lidars' boxes tell front from rear, as those of clusters do not."""
         self._site_frame, self._class_count = rig.site_frame, class_count
+        self._lidars_show_front = lidars_show_front
         self._lidars = np.array([lidar.T_site_lidar.matrix[:2, 3] for lidar in rig.lidars]).reshape(-1, 2)
 
     def __call__(self, frame: FrameResult) -> FrameSightings:
@@ -47,7 +49,7 @@ class SightingsOf:
         yaws = wrap_angle(chosen.yaws + np.arctan2(turn[1, 0], turn[0, 0]))
         rotation = np.eye(3)
         rotation[:2, :2] = turn
-        sides, faces = _seen_from(chosen, self._lidars)
+        sides, side_views = _seen_from(chosen, self._lidars)
         end_points = end_points[rows]
         end_points[..., :2] = end_points[..., :2] @ turn.T + T_fixed_site[:2, 3]
         sightings = Sightings(
@@ -64,8 +66,9 @@ class SightingsOf:
             point_counts=chosen.point_counts,
             sources=chosen.sources,
             sides=sides,
-            faces=faces,
+            side_views=side_views,
             end_points=end_points,
+            show_front=(rows < frame.hypotheses.lidar_count) & self._lidars_show_front,
         )
         return FrameSightings(frame.bundle.stamp_ns, T_fixed_site, sightings)
 
@@ -79,7 +82,7 @@ def _pose(frame: FrameResult, site_frame: str) -> F64:
 
 
 def _seen_from(boxes: Boxes3D, lidars: F64) -> tuple[F64, F64]:
-    """`Sightings.sides` and `Sightings.faces` of boxes for lidars (L, 2) in the same frame; near lidars weigh more."""
+    """`Sightings.sides` and `side_views` of boxes for lidars (L, 2) in the same frame; near lidars weigh more."""
     if not len(lidars):
         return np.zeros((len(boxes), 2)), np.ones((len(boxes), 2))
     offsets = lidars[None] - boxes.centers[:, None, :2]
@@ -90,8 +93,8 @@ def _seen_from(boxes: Boxes3D, lidars: F64) -> tuple[F64, F64]:
     side = np.clip(along / (boxes.sizes[:, None, :2] / 2), -1, 1)
     sides = (weights * side).sum(1) / weights.sum(1)
     # The length is visible from the side, the width from the front or the back.
-    faces = (weights * np.abs(along[..., ::-1]) / distances).max(1)
-    return sides, np.maximum(faces, 1e-9)
+    faces = np.maximum((weights * np.abs(along[..., ::-1]) / distances).max(1), 1e-9)
+    return sides, faces / np.hypot(*faces.T)[:, None]
 
 
 def with_tracks(fused: Fused, seen: FrameSightings, rows: TrackRows, zones: Sequence[Zone]) -> Fused:
@@ -123,7 +126,7 @@ def with_tracks(fused: Fused, seen: FrameSightings, rows: TrackRows, zones: Sequ
 def _in_site(frame_id: str, seen: FrameSightings, rows: TrackRows) -> Fused:
     """The tracks of a frame as objects in its site frame."""
     T_site_fixed = np.linalg.inv(seen.T_fixed_site)
-    turn_rad = -seen.turn_rad
+    turn_rad = np.arctan2(T_site_fixed[1, 0], T_site_fixed[0, 0])
     rotation = np.eye(3)
     rotation[:2, :2] = T_site_fixed[:2, :2]
     centers = np.column_stack([rows.states[:, :2], rows.heights_m]) @ T_site_fixed[:3, :3].T + T_site_fixed[:3, 3]

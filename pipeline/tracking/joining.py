@@ -32,8 +32,6 @@ def joined_over_gaps(estimates: Estimates, stamps_s: F64, priors: Priors, max_ga
     """
     count, courses = len(estimates), estimates.courses
     out = np.arange(count)
-    if count < 2:
-        return out
     gaps_s = stamps_s[courses.firsts][None] - stamps_s[courses.lasts][:, None]
     first, second = np.nonzero((gaps_s > 0) & (gaps_s <= max_gap_s))
     gap_s = gaps_s[first, second]
@@ -95,8 +93,6 @@ def _reach(estimates: Estimates) -> tuple[F64, F64]:
     """(T, 2) lowest and highest x and y of each track, extended by half of its diagonal."""
     positions, starts = estimates.motions.states[:, :2], estimates.courses.starts[:-1]
     half = np.hypot(estimates.sizes[:, 0], estimates.sizes[:, 1])[:, None] / 2
-    if not len(starts):
-        return np.zeros((0, 2)), np.zeros((0, 2))
     return np.minimum.reduceat(positions, starts) - half, np.maximum.reduceat(positions, starts) + half
 
 

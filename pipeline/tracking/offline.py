@@ -2,10 +2,9 @@
 
 Association comes first, over the whole window; then each track is estimated from its sightings. Tracks in one place
 are joined, and tracks over gaps. A track that is too improbable as a whole is left out: frames are not independent, so
-the mean of its log odds counts, not their sum.
+the mean of its log odds counts, not their sum, and those frames most that could show it best.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -18,7 +17,7 @@ from lidcam.pipeline.detectors.log_odds import logit
 from lidcam.pipeline.fusion.belief.odds import probability
 from lidcam.pipeline.tracking.estimates import Estimates, History, estimated, renumbered
 from lidcam.pipeline.tracking.joining import joined_in_place, joined_over_gaps
-from lidcam.pipeline.tracking.motion import HEADING, Priors
+from lidcam.pipeline.tracking.motion import HEADING, SPEED, Priors
 from lidcam.pipeline.tracking.online import OnlineTracker
 from lidcam.pipeline.tracking.sightings import NOT_SEEN, FrameSightings, Scene, TrackRows
 
@@ -26,10 +25,14 @@ EXTRA_OVERLAP_S = 2.0
 """Extra window overlap beyond `max_gap_s`, seconds."""
 
 MISS_LOG_ODDS = -2.0
-"""Log odds of a frame without a track, from shortly before its first to shortly after its last sighting."""
+"""Log odds of a frame that does not show a track, shortly before or after a sighting."""
 
 MISS_MARGIN_S = 0.25
-"""Time before and after the sightings in which misses count, seconds; frames further apart count for nothing."""
+"""Time before and after a sighting in which misses count, seconds; later, the object may be hidden."""
+
+PLAIN_POINTS = 200.0
+"""Number of lidar points with half the weight of any number: a view of few points is a poorer view of the same thing,
+which says nothing that a better one does not."""
 
 HEIGHT_FRAMES = 5
 """Half-width of the height average, frames."""
@@ -69,21 +72,17 @@ class OfflineTracker:
         """The rows of the frames from the first waiting one to `until`."""
         first = self._settled_count
         scene = Scene.of(self._frames)
-        labels = self._associated()
+        labels = self._associated(scene)
         if (labels < 0).all():
             self._keep(scene, np.zeros(len(labels), np.int64), until)
             self._history = History.none(0, len(self._priors))
             return [TrackRows.none()] * (until - first)
-        estimates = estimated(scene, labels, self._priors)
-        for join in (joined_in_place, self._over_gaps(scene), joined_in_place):
+        estimates, history = self._estimated(scene, labels)
+        over_gaps = partial(joined_over_gaps, stamps_s=scene.stamps_s, priors=self._priors, max_gap_s=self._max_gap_s)
+        for join in (joined_in_place, over_gaps, joined_in_place):
             merged = join(estimates)
-            if _any_joined(merged):
-                estimates = estimated(scene, _relabelled(scene, estimates, merged), self._priors)
-        estimates, history = self._refined(scene, estimates.labels(len(scene.frames)))
-        # With its whole length, one part of a long vehicle reaches into the other.
-        merged = joined_in_place(estimates)
-        if _any_joined(merged):
-            estimates, history = self._refined(scene, renumbered(_relabelled(scene, estimates, merged)))
+            if len(np.unique(merged)) < len(merged):
+                estimates, history = self._estimated(scene, _relabelled(scene, estimates, merged))
         existence = self._existence(scene, estimates, history)
         kept = existence >= self._min_log_odds
         new = kept & (history.ids == 0)
@@ -93,36 +92,39 @@ class OfflineTracker:
         self._carry(scene, estimates, history, kept, until)
         return rows[first:until]
 
-    def _refined(self, scene: Scene, labels: I64) -> tuple[Estimates, History]:
-        """Tracks with their history and measured lengths."""
+    def _estimated(self, scene: Scene, labels: I64) -> tuple[Estimates, History]:
+        """Tracks by the label of each sighting, and their history."""
+        labels = renumbered(labels)
         history = self._history_of(labels)
         return estimated(scene, labels, self._priors, history), history
 
-    def _associated(self) -> I64:
-        """(N,) track of each sighting, frame by frame; -1 for none, and for sightings that are not reported."""
+    def _associated(self, scene: Scene) -> I64:
+        """(N,) track of each sighting, frame by frame; -1 for none."""
         tracker = OnlineTracker(self._priors, min_existence=0.0, max_gap_s=self._max_gap_s)
         ids: list[I64] = []
-        for frame in self._frames:
-            reported = np.flatnonzero(frame.sightings.are_reported)
-            tracker.add_frame(replace(frame, sightings=frame.sightings.select(reported)))
-            of_frame = np.full(len(frame.sightings), -1, np.int64)
-            of_frame[reported] = np.where(tracker.ids_of_sightings > 0, tracker.ids_of_sightings, -1)
-            ids.append(of_frame)
+        begins = scene.sightings.are_reported.copy()
+        # What belongs to a track begins it in this window, too, which may show nothing surer of it.
+        begins[: len(self._settled_ids)] |= self._settled_ids > 0
+        for frame, (first, last) in zip(self._frames, pairwise(scene.starts.tolist()), strict=True):
+            sightings = replace(frame.sightings, are_reported=begins[first:last])
+            tracker.add_frame(replace(frame, sightings=sightings))
+            ids.append(np.where(tracker.ids_of_sightings > 0, tracker.ids_of_sightings, -1))
         return np.concatenate(ids)
 
-    def _over_gaps(self, scene: Scene) -> Callable[[Estimates], I64]:
-        return partial(joined_over_gaps, stamps_s=scene.stamps_s, priors=self._priors, max_gap_s=self._max_gap_s)
-
     def _existence(self, scene: Scene, estimates: Estimates, history: History) -> F64:
-        """(T,) mean log odds of existence."""
+        """(T,) weighted mean log odds of existence; how likely the speed of a new track is counts as one frame more."""
         tracks, count = estimates.courses.cell_tracks, len(estimates)
-        total = history.log_odds + np.bincount(tracks, _evidence(scene, estimates), count)
-        frames = history.counts + np.bincount(tracks, minlength=count)
+        log_odds, weights = _evidence(scene, estimates)
         stamps_s, courses = scene.stamps_s, estimates.courses
         begins = np.searchsorted(stamps_s, stamps_s[courses.firsts] - MISS_MARGIN_S)
         ends = np.searchsorted(stamps_s, stamps_s[courses.lasts] + MISS_MARGIN_S, side="right") - 1
-        misses = np.where(history.ids > 0, 0, courses.firsts - begins) + ends - courses.lasts
-        return np.asarray((total + misses * MISS_LOG_ODDS) / (frames + misses))
+        first = courses.starts[:-1]
+        first_weights = np.where(history.ids > 0, 0.0, weights[first])
+        missed = (courses.firsts - begins) * first_weights + (ends - courses.lasts) * weights[courses.starts[1:] - 1]
+        by_speed = -((estimates.motions.states[first, SPEED] / courses.speeds) ** 2) / 2
+        total = history.log_odds + np.bincount(tracks, weights * log_odds, count)
+        total += missed * MISS_LOG_ODDS + first_weights * by_speed
+        return np.asarray(total / (history.weights + np.bincount(tracks, weights, count) + missed + first_weights))
 
     def _history_of(self, labels: I64) -> History:
         """The history of each track: that of the earlier track with which it has most sightings in common.
@@ -154,7 +156,8 @@ class OfflineTracker:
         sightings = scene.sightings.select(estimates.sightings[seen])
         votes = history.votes.copy()
         np.add.at(votes, (tracks[seen], sightings.class_ids), sightings.beliefs)
-        evidence = np.where(is_older, _evidence(scene, estimates), 0.0)
+        log_odds, weights = _evidence(scene, estimates)
+        weights[~is_older] = 0.0
         begin = np.maximum(courses.firsts, keep_from)
         at = np.minimum(courses.starts[:-1] + begin - courses.firsts, courses.starts[1:] - 1)
         continues = np.flatnonzero(kept & (courses.lasts >= keep_from))
@@ -163,8 +166,8 @@ class OfflineTracker:
             votes=votes,
             sizes=estimates.sizes,
             headings=np.where(estimates.fronts_known, estimates.motions.states[at, HEADING], np.nan),
-            log_odds=history.log_odds + np.bincount(tracks, evidence, count),
-            counts=history.counts + np.bincount(tracks[is_older], minlength=count),
+            log_odds=history.log_odds + np.bincount(tracks, weights * log_odds, count),
+            weights=history.weights + np.bincount(tracks, weights, count),
             firsts_ns=np.where(history.firsts_ns >= 0, history.firsts_ns, scene.stamps_ns[courses.firsts]),
         ).select(continues)
 
@@ -183,16 +186,17 @@ class OfflineTracker:
         return keep_from
 
 
-def _any_joined(merged: I64) -> bool:
-    return len(np.unique(merged)) < len(merged)
-
-
-def _evidence(scene: Scene, estimates: Estimates) -> F64:
-    """(N,) log odds of each cell, by its sighting or a miss."""
-    out = np.full(len(estimates.are_seen), MISS_LOG_ODDS)
-    seen = estimates.are_seen
-    out[seen] = logit(scene.sightings.beliefs[estimates.sightings[seen]])
-    return out
+def _evidence(scene: Scene, estimates: Estimates) -> tuple[F64, F64]:
+    """(N,) log odds of each cell by its sighting, or by a miss, and (N,) its weight by how well it could be seen."""
+    seen = np.flatnonzero(estimates.are_seen)
+    rows, cells = estimates.sightings[seen], np.arange(len(estimates.are_seen))
+    log_odds = np.full(len(cells), MISS_LOG_ODDS)
+    log_odds[seen] = logit(scene.sightings.beliefs[rows])
+    points = np.interp(cells, seen, np.maximum(scene.sightings.point_counts[rows], 1))
+    stamps_s = scene.stamps_s[estimates.courses.cell_frames]
+    before, after = seen[np.searchsorted(seen, cells, side="right") - 1], seen[np.searchsorted(seen, cells)]
+    counts = np.minimum(stamps_s - stamps_s[before], stamps_s[after] - stamps_s) <= MISS_MARGIN_S
+    return log_odds, counts * points / (points + PLAIN_POINTS)
 
 
 def _relabelled(scene: Scene, estimates: Estimates, merged: I64) -> I64:

@@ -236,11 +236,13 @@ class OnlineTracker:
         votes = seen.votes.copy()
         votes[np.arange(len(seen)), sightings.class_ids] += beliefs
         agreement = np.sign(np.cos(sightings.boxes[:, 2] - after.states[:, HEADING]))
+        # The first speed is evidence, too: two objects side by side are no fast one.
+        by_speed = -0.5 * (after.states[:, SPEED] / self._priors.speeds[seen.class_ids]) ** 2 * (seen.hits == 1)
         seen = replace(
             seen,
             states=after.states,
             covariances=after.covariances,
-            log_odds=seen.log_odds + EVIDENCE_WEIGHT * logit(beliefs),
+            log_odds=seen.log_odds + EVIDENCE_WEIGHT * (logit(beliefs) + by_speed),
             votes=votes,
             seen_s=np.full(len(seen), self._now_s),
             hits=seen.hits + 1,

@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, I64, U8, Bools, Table, join_rows
+from lidcam.pipeline.core.arrays import F64, I32, I64, U8, Bools, Table, first_of_runs, join_rows
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Fused
 from lidcam.pipeline.core.geometry.regions import points_in_footprints
@@ -64,10 +64,11 @@ class Sightings(Table):
     sources: U8  # (N,) uint8
     # (N, 2) float64 in [-1, 1], position of the lidars along its length and width: 1 beyond its front, or its left side
     sides: F64
-    faces: F64  # (N, 2) float64, visibility of its length and its width for the lidars, 1/m^2
+    side_views: F64  # (N, 2) float64, sines of the angles between the view of the lidars and its length and width
     # (N, 2, 3) float64, its foremost and rearmost point: x and y in the fixed frame, and seconds after the stamp; NaN
     # with too few points
     end_points: F64
+    show_front: Bools  # (N,) bool, whether the yaw tells front from rear, as that of clusters and of 2D boxes does not
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,11 +78,6 @@ class FrameSightings:
     stamp_ns: int
     T_fixed_site: F64
     sightings: Sightings
-
-    @property
-    def turn_rad(self) -> float:
-        """Yaw of the site frame in the fixed frame."""
-        return float(np.arctan2(self.T_fixed_site[1, 0], self.T_fixed_site[0, 0]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,7 +160,8 @@ def measurement_covariances(sightings: Sightings, priors: Priors, jump_sigma: fl
 def find_end_points(fused: Fused, combined: CombinedCloud) -> F64:
     """(N, 2, 3) the foremost and the rearmost point of each object, along the yaw of its box.
 
-    x, y in the site frame and seconds after the cloud's stamp; NaN with too few points.
+    x, y in the site frame and seconds after the cloud's stamp; NaN with too few points. Of objects side by side, each
+    point belongs to the one in which it is deepest.
     """
     objects, cloud = fused.objects, combined.detection_cloud
     sizes = objects.sizes * (2 * np.array(END_MARGINS))
@@ -173,7 +170,12 @@ def find_end_points(fused: Fused, combined: CombinedCloud) -> F64:
     offsets = cloud.xyz.take(rows, 0) - objects.centers.take(box, 0)
     is_level = np.abs(offsets[:, 2]) < (sizes[:, 2] / 2).take(box)
     rows, box, offsets = rows[is_level], box[is_level], offsets[is_level]
-    along = offsets[:, 0] * np.cos(objects.yaws).take(box) + offsets[:, 1] * np.sin(objects.yaws).take(box)
+    cos, sin = np.cos(objects.yaws).take(box), np.sin(objects.yaws).take(box)
+    along, across = offsets[:, 0] * cos + offsets[:, 1] * sin, offsets[:, 1] * cos - offsets[:, 0] * sin
+    outwards = (np.abs(np.stack([along, across], 1)) / objects.sizes[box, :2]).max(1)
+    order = np.lexsort((outwards, rows))
+    own = np.sort(order[first_of_runs(rows[order])]) if len(order) else order
+    rows, box, along = rows[own], box[own], along[own]
     bounds = np.searchsorted(box, np.arange(len(objects) + 1))
     points = np.full((len(objects), 2, 3), np.nan)
     for index, (first, last) in enumerate(pairwise(bounds.tolist())):

@@ -31,7 +31,7 @@ MAX_SWAY = 2.0
 """Maximum scatter of a static track, in differences between neighbouring frames; beyond, it drives there and back."""
 
 MIN_PARKED_SHARE = 0.5
-"""Minimum share of standing frames of a track that is parked throughout."""
+"""Minimum share of what is known of a track's places, by their variances, that shows it standing throughout."""
 
 MAX_AXIS_TURN_RAD = np.radians(20)
 """Maximum turn of a box against the axis of a parked object to count as evidence that it moved, radians."""
@@ -40,7 +40,7 @@ AXIS_SIGMA_RAD = 0.1
 """Standard deviation of the axis of a parked object, radians."""
 
 MIN_MOVED_DISTANCE = 0.3
-"""Minimum distance from its parking position at which an object has moved, in motion scales."""
+"""Minimum distance from its parking position at which an object has moved, in motion scales, beyond its deviation."""
 
 MIN_LANE_SPEED = 0.5
 """Minimum speed of traffic that defines a lane, in lengths of the parked object per second; slower may be parking."""
@@ -110,17 +110,19 @@ def find_parked(
     boxes of few points are turned and displaced.
     """
     tracks, count = courses.cell_tracks, len(courses)
-    positions, scales_m = motions.states[:, :2], of_class.scales_m[tracks]
-    mostly = (np.bincount(tracks, standing, count) > MIN_PARKED_SHARE * courses.counts) & of_class.show_axis
-    weights = standing.astype(np.float64)
-    parked_at = [weighted_quantiles(positions[:, axis], weights, tracks, count, 0.5) for axis in (0, 1)]
+    xy, scales_m = motions.states[:, :2], of_class.scales_m[tracks]
+    variances = np.trace(cells.noise[:, :2, :2], axis1=1, axis2=2)
+    weights = cells.are_seen / variances
+    mostly = np.bincount(tracks, weights * standing, count) > MIN_PARKED_SHARE * np.bincount(tracks, weights, count)
+    parked_at = [weighted_quantiles(xy[:, axis], standing.astype(np.float64), tracks, count, 0.5) for axis in (0, 1)]
     distances = np.linalg.norm(cells.boxes[:, :2] - np.stack(parked_at, 1)[tracks], axis=1)
     weights = np.where(cells.are_seen & standing, 1 / cells.noise[:, 2, 2], 0.0)
     cos, sin = (np.bincount(tracks, weights * of(2 * cells.boxes[:, 2]), count) for of in (np.cos, np.sin))
     axes = np.arctan2(sin, cos) / 2
     along = np.abs(np.sin(cells.boxes[:, 2] - axes[tracks])) < np.sin(MAX_AXIS_TURN_RAD)
-    moved = np.bincount(tracks, cells.are_seen & along & (distances > MIN_MOVED_DISTANCE * scales_m), count)
-    standing = standing | (mostly & (moved == 0))[tracks]
+    is_away = distances > MIN_MOVED_DISTANCE * scales_m + np.sqrt(variances)
+    moved = np.bincount(tracks, cells.are_seen & along & is_away, count)
+    standing = standing | (mostly & (moved == 0) & of_class.show_axis)[tracks]
     throughout = (np.bincount(tracks, ~standing, count) == 0) & of_class.show_axis
     return standing, np.where(throughout, axes, np.nan)
 
@@ -162,15 +164,15 @@ def lane_directions(standing: F64, lengths_m: F64, paths: F64) -> F64:
     return out
 
 
-def weighted_quantiles(values: F64, weights: F64, groups: I64, count: int, share: float) -> F64:
-    """(G,) weighted quantile of the values (N,) of each group; NaN of a group without weight."""
+def weighted_quantiles(values: F64, weights: F64, groups: I64, count: int, share: float | F64) -> F64:
+    """(G,) weighted quantile of the values (N,) of each group, at one share or (G,); NaN of a group without weight."""
     order = np.lexsort((values, groups))
     values, weights, groups = values[order], weights[order], groups[order]
     total = np.bincount(groups, weights, count)
     starts = np.searchsorted(groups, np.arange(count))
     sums = np.cumsum(weights)
     before = np.concatenate([[0.0], sums])[starts]
-    reached = sums - before[groups] >= share * total[groups] * (1 - 1e-12)
+    reached = sums - before[groups] >= (share * total)[groups] * (1 - 1e-12)
     found = np.full(count, np.nan)
     first = np.flatnonzero(reached & (total[groups] > 0))[::-1]
     found[groups[first]] = values[first]

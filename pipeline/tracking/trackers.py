@@ -1,16 +1,16 @@
 """The trackers of a run: frames in, their objects out, with tracks and the cameras that confirm them."""
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
+from functools import partial
 
 import numpy as np
 
 from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.core.detections import Fused
 from lidcam.pipeline.core.frame import FrameResult
-from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.rig import Rig, Zone
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.tracks import NO_TRACK
 from lidcam.pipeline.fusion.belief.memory import MAX_AGE_S
@@ -19,18 +19,6 @@ from lidcam.pipeline.tracking.motion import Priors
 from lidcam.pipeline.tracking.offline import OfflineTracker
 from lidcam.pipeline.tracking.online import OnlineTracker
 from lidcam.pipeline.tracking.sightings import FrameSightings, TrackRows
-
-
-class Tracker(Protocol):
-    """Finds the tracks in frames that come in order."""
-
-    def add_frame(self, frame: FrameSightings) -> list[TrackRows]:
-        """Add a frame; the rows of the oldest waiting frames that are settled."""
-        ...
-
-    def finish(self) -> list[TrackRows]:
-        """The rows of all waiting frames."""
-        ...
 
 
 class Confirmations:
@@ -63,9 +51,10 @@ class Confirmations:
 class ObjectTracker:
     """Replaces the objects of frames, which come in order, by those of their tracks."""
 
-    def __init__(self, tracker: Tracker, rig: Rig, class_count: int) -> None:
-        self._tracker, self._zones = tracker, rig.zones
-        self._sightings_of = SightingsOf(rig, class_count)
+    def __init__(
+        self, tracker: OnlineTracker | OfflineTracker, sightings_of: SightingsOf, zones: Sequence[Zone]
+    ) -> None:
+        self._tracker, self._sightings_of, self._zones = tracker, sightings_of, zones
         self._confirmations = Confirmations()
         self._waiting: deque[tuple[Fused, FrameSightings, dict[str, I64]]] = deque()
 
@@ -95,14 +84,10 @@ class ObjectTracker:
 
 def object_tracker(config: Config, rig: Rig) -> ObjectTracker | None:
     """The configured tracker; None without tracking."""
-    settings, priors, min_existence = config.track, Priors.of_classes(config.classes), config.fuse.min_score
-    tracker: Tracker
-    if settings.mode == "none":
+    if config.track.mode == "none":
         return None
-    if settings.mode == "online":
-        tracker = OnlineTracker(priors, min_existence=min_existence, max_gap_s=settings.max_gap_s)
-    else:
-        tracker = OfflineTracker(
-            priors, min_existence=min_existence, window_s=settings.window_s, max_gap_s=settings.max_gap_s
-        )
-    return ObjectTracker(tracker, rig, len(config.classes))
+    make = OnlineTracker if config.track.mode == "online" else partial(OfflineTracker, window_s=config.track.window_s)
+    priors = Priors.of_classes(config.classes)
+    tracker = make(priors, min_existence=config.fuse.min_score, max_gap_s=config.track.max_gap_s)
+    sightings_of = SightingsOf(rig, len(config.classes), lidars_show_front=config.detect3d.engine != "cluster")
+    return ObjectTracker(tracker, sightings_of, rig.zones)

@@ -70,6 +70,7 @@ def frame(rows: Sequence[tuple[F64, Mover, int]], index: int, later_s: float = 0
         np.zeros((n, 2)),
         np.ones((n, 2)),
         np.full((n, 2, 3), np.nan),
+        np.ones(n, np.bool_),
     )
     return FrameSightings(START_NS + round(index * PERIOD_S * 1e9), np.eye(4), sightings)
 

@@ -1,8 +1,10 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from tracked_scenes import CAR, PERIOD_S, PRIORS, START_NS, Mover, Place, scene, straight
 
-from lidcam.pipeline.tracking.estimates import History, estimated
+from lidcam.pipeline.tracking.estimates import History, estimated, renumbered
 from lidcam.pipeline.tracking.motion import HEADING, TURN
 from lidcam.pipeline.tracking.sightings import FrameSightings, Scene
 
@@ -25,15 +27,32 @@ def test_a_short_box_gets_the_length_with_the_side_that_was_seen_in_its_place() 
     np.testing.assert_allclose(found.motions.states[:, 0], 0.0, atol=0.02)
 
 
-@pytest.mark.parametrize(("side", "length"), [(1.0, 4.6), (0.0, 4.0)])
-def test_the_length_is_how_far_apart_the_ends_are_where_a_lidar_looks_from_the_side(side: float, length: float) -> None:
+@pytest.mark.parametrize(
+    ("side", "sigma_m", "length"),
+    [(1.0, 0.2, 4.4), (1.0, 0.05, 4.12), (0.0, 0.2, 4.0)],
+    ids=["unsure", "sure", "behind"],
+)
+def test_points_beyond_the_ends_make_a_box_longer_that_is_unsure_of_them(
+    side: float, sigma_m: float, length: float
+) -> None:
     whole, labels = one_track(scene([Mover(straight(0, 0, 0, 5.0))], 30, noise_m=0.01))
-    whole.sightings.faces[:] = [side + 1e-9, 1.0]
+    whole.sightings.side_views[:, 0] = side + 1e-9
+    whole.sightings.sides[:, 0] = 1.0
+    whole.sightings.covariances[:, 0, 0] = sigma_m**2
     x = whole.sightings.boxes[:, 0]
     whole.sightings.end_points[:, 0] = np.column_stack([x + 2.2 + 0.2, np.zeros(30), np.full(30, 0.04)])
     whole.sightings.end_points[:, 1] = np.column_stack([x - 2.4, np.zeros(30), np.zeros(30)])
-    found = estimated(whole, labels, PRIORS, History.none(1, len(PRIORS)))
+    found = estimated(whole, labels, PRIORS)
     assert found.sizes[0, 0] == pytest.approx(length, abs=0.03)
+
+
+def test_the_length_is_that_of_the_frames_that_show_both_ends() -> None:
+    whole, labels = one_track(scene([Mover(straight(0, 0, 0, 0))], 40, noise_m=0.01))
+    sure = np.arange(40) % 4 == 0
+    whole.sightings.sizes[sure, 0] = 3.5
+    whole.sightings.sides[:, 0] = 1.0
+    whole.sightings.covariances[~sure, 0, 0] = 0.3**2
+    assert estimated(whole, labels, PRIORS).sizes[0, 0] == 3.5
 
 
 def test_what_is_known_stays() -> None:
@@ -50,7 +69,7 @@ def test_what_is_known_stays() -> None:
 
 def test_tracks_are_ordered_by_their_first_sighting() -> None:
     whole = Scene.of(scene([Mover(straight(0, 0, 0, 0)), Mover(straight(9, 0, 0, 0))], 4))
-    labels = np.where(np.arange(8) % 2 == 0, 7, 3)
+    labels = renumbered(np.where(np.arange(8) % 2 == 0, 7, 3))
     found = estimated(whole, labels, PRIORS)
     assert found.motions.states[found.courses.starts[:-1], 0] == pytest.approx([0, 9], abs=0.3)
     assert found.labels(8).tolist() == [0, 1] * 4
@@ -75,9 +94,17 @@ def test_what_stands_looks_the_way_of_the_lane_beside_it(
     frames = scene([Mover(straight(0, 0, 0, 0)), driver], 20)
     for index, frame in enumerate(frames):
         frame.T_fixed_site[:2, 3] = 4 + rig_m_s * PERIOD_S * index, -3.0
+        frame.sightings.show_front[:] = False
     found = estimated(Scene.of(frames), np.tile([0, 1], 20), PRIORS)
     assert np.cos(found.motions.states[:20, HEADING] - direction).min() > 0.9
     assert found.fronts_known.tolist() == [False, True]
+
+
+@pytest.mark.parametrize(("turned", "direction"), [(lambda _: False, 0.0), (lambda k: k % 2 == 0, np.pi)])
+def test_the_lane_is_one_vote_beside_those_of_boxes(turned: Callable[[int], bool], direction: float) -> None:
+    parked, driver = Mover(straight(0, 0, 0, 0), turned=turned), Mover(straight(8, 3.2, np.pi, 8.0))
+    found = estimated(Scene.of(scene([parked, driver], 40)), np.tile([0, 1], 40), PRIORS)
+    assert np.cos(found.motions.states[:40, HEADING] - direction).min() > 0.9
 
 
 def test_what_stands_is_not_turned_by_the_boxes_of_few_points_that_it_begins_with() -> None:

@@ -10,7 +10,8 @@ from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.rig import Zone
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.tracking.fixed_frame import NO_TRACK_REASON, SightingsOf, with_tracks
-from lidcam.pipeline.tracking.motion import HEADING, SPEED
+from lidcam.pipeline.tracking.motion import HEADING, SPEED, Priors
+from lidcam.pipeline.tracking.online import OnlineTracker
 from lidcam.pipeline.tracking.sightings import NOT_SEEN, FrameSightings, TrackRows
 from lidcam.pipeline.tracking.trackers import object_tracker
 
@@ -33,22 +34,10 @@ def result(*, moving: bool = False, count: int = 3) -> FrameResult:
 
 def rows_of(seen: FrameSightings) -> TrackRows:
     """A track at each sighting that is reported."""
-    rows = np.flatnonzero(seen.sightings.are_reported)
-    sightings, n = seen.sightings.select(rows), len(rows)
-    states = np.zeros((n, 5))
-    states[:, :3], states[:, SPEED] = sightings.boxes, 3.0
-    return TrackRows(
-        np.arange(1, n + 1),
-        states,
-        np.tile(np.eye(5), (n, 1, 1)),
-        sightings.heights_m,
-        sightings.sizes,
-        sightings.class_ids,
-        np.full(n, 0.9),
-        np.full(n, 1.5),
-        np.ones(n, np.bool_),
-        rows,
-    )
+    tracker = OnlineTracker(Priors.of_classes(CONFIG.classes), min_existence=0.0, max_gap_s=1.0)
+    rows = tracker.add_frame(seen)[0]
+    rows.states[:, SPEED] = 3.0
+    return replace(rows, covariances=np.tile(np.eye(5), (len(rows), 1, 1)))
 
 
 def tracked(one: FrameResult, rows: TrackRows | None = None, zones: tuple[Zone, ...] = ()) -> Fused:
@@ -133,6 +122,14 @@ def test_every_frame_is_given_once(mode: str, waits: bool) -> None:
     left = tracker.finish()
     assert len(left) == (4 if waits else 0)
     assert all(fused.tracks is not None for fused in left)
+
+
+@pytest.mark.parametrize("shown", [False, True])
+def test_lidars_show_fronts_and_cameras_do_not(shown: bool) -> None:
+    one = result()
+    one = replace(one, hypotheses=replace(one.hypotheses, lidar_count=2))
+    seen = SightingsOf(RIG, CLASSES, lidars_show_front=shown)(one)
+    assert seen.sightings.show_front.tolist() == [shown, shown, False]
 
 
 def test_without_tracks_there_is_no_tracker() -> None:

@@ -29,28 +29,13 @@ def motions(states: np.ndarray) -> Motions:
 
 @given(state=STATES, seconds=SECONDS)
 def test_derivatives_are_those_of_differences(state: np.ndarray, seconds: float) -> None:
-    _, slopes = predicted(motions(state), seconds, np.zeros((1, 5)))
-    step = 1e-6
-    ends = [
-        [
-            predicted(motions(state + sign * step * np.eye(5)[i]), seconds, np.zeros((1, 5)))[0].states[0]
-            for i in range(5)
-        ]
-        for sign in (1, -1)
-    ]
-    np.testing.assert_allclose(slopes[0], (np.array(ends[0]) - ends[1]).T / (2 * step), atol=1e-4)
-
-
-@given(state=STATES, seconds=SECONDS)
-def test_what_is_expected_has_its_derivatives(state: np.ndarray, seconds: float) -> None:
-    rear_m, later_s = np.array([1.1]), np.array([seconds])
-    _, slopes = expected(motions(state), later_s, rear_m)
-    step = 1e-6
-    ends = [
-        [expected(motions(state + sign * step * np.eye(5)[i]), later_s, rear_m)[0][0] for i in range(5)]
-        for sign in (1, -1)
-    ]
-    np.testing.assert_allclose(slopes[0], (np.array(ends[0]) - ends[1]).T / (2 * step), atol=1e-4)
+    after_s, rear_m, no_noise, step = np.array([seconds]), np.array([1.1]), np.zeros((1, 5)), 1e-6
+    beside = [motions(state + sign * step * axis) for sign in (1, -1) for axis in np.eye(5)]
+    moved = np.array([predicted(one, after_s, no_noise)[0].states[0] for one in beside]).reshape(2, 5, 5)
+    boxes = np.array([expected(one, after_s, rear_m)[0][0] for one in beside]).reshape(2, 5, 3)
+    slopes = predicted(motions(state), after_s, no_noise)[1][0], expected(motions(state), after_s, rear_m)[1][0]
+    for ends, of_state in zip((moved, boxes), slopes, strict=True):
+        np.testing.assert_allclose(of_state, (ends[0] - ends[1]).T / (2 * step), atol=1e-4)
 
 
 @given(state=STATES, rear_m=st.floats(-3, 3))

@@ -36,8 +36,8 @@ def test_of_nothing_there_are_no_tracks(frames: int) -> None:
     assert ids(tracked(scene([], frames))) == [[]] * frames
 
 
-@pytest.mark.parametrize("frames", [1, 2])
-def test_a_recording_of_few_frames_has_its_objects(frames: int) -> None:
+@pytest.mark.parametrize("frames", [1, 2, 40])
+def test_each_car_has_one_number_from_its_first_sighting_on(frames: int) -> None:
     assert ids(tracked(scene(CARS, frames))) == [[1, 2, 3]] * frames
 
 
@@ -50,10 +50,6 @@ def test_frames_that_are_far_apart_have_their_objects() -> None:
 def test_what_is_seen_for_a_moment_only_is_left_out(frames: Sequence[int], count: int) -> None:
     rows = tracked(scene([Mover(straight(0, 0, 0, 0), belief=0.9, seen=lambda k: k in frames)], 20))
     assert sum(map(len, rows)) == count
-
-
-def test_each_car_has_one_number_from_its_first_sighting_on() -> None:
-    assert ids(tracked(scene(CARS, 40))) == [[1, 2, 3]] * 40
 
 
 def test_the_smoothed_track_is_nearer_than_what_was_seen() -> None:
@@ -88,7 +84,7 @@ def test_what_stands_has_one_pose_and_no_front() -> None:
 
 
 def test_a_gap_is_filled_and_marked() -> None:
-    rows = tracked(scene([Mover(straight(0, 0, 0, 8.0), seen=lambda k: not 15 <= k < 40)], 60))
+    rows = tracked(scene([Mover(straight(0, 0, 0, 8.0), belief=0.7, seen=lambda k: not 15 <= k < 40)], 60))
     assert ids(rows) == [[1]] * 60
     assert [row.seen[0] == NOT_SEEN for row in rows] == [15 <= k < 40 for k in range(60)]
     assert rows[27].states[0, 0] == pytest.approx(8.0 * 27 * PERIOD_S, abs=0.5)
@@ -117,6 +113,26 @@ def test_two_classes_in_one_place_are_one_object() -> None:
 def test_what_is_rarely_seen_is_left_out(belief: float, every: int) -> None:
     rows = tracked(scene([Mover(straight(0, 0, 0, 0), belief=belief, seen=lambda k: k % every == 0)], 41))
     assert sum(map(len, rows)) == 0
+
+
+@pytest.mark.parametrize(("far", "near", "is_kept"), [(0.2, 0.98, True), (0.9, 0.2, False)])
+def test_the_frames_that_show_it_best_decide(far: float, near: float, is_kept: bool) -> None:
+    """A van that is doubted from afar, and what is taken for one from afar."""
+    frames = scene([Mover(straight(0, 0, 0, 0))], 60)
+    for index, one in enumerate(frames):
+        one.sightings.beliefs[:], one.sightings.point_counts[:] = (near, 800) if 40 <= index < 50 else (far, 15)
+    assert len(tracked(frames)[20]) == is_kept
+
+
+@pytest.mark.parametrize(("speed", "frames", "count"), [(33.0, 2, 0), (33.0, 20, 20), (8.0, 2, 2)])
+def test_what_appears_for_a_moment_is_not_as_fast_as_no_other(speed: float, frames: int, count: int) -> None:
+    rows = tracked(scene([Mover(straight(0, 0, 0, speed), belief=0.9, seen=lambda k: k < frames)], frames + 20))
+    assert sum(map(len, rows)) == count
+
+
+def test_what_is_doubted_goes_on_from_window_to_window() -> None:
+    sure, doubted = (scene([Mover(straight(0, 0, 0, 0), belief=belief)], 200) for belief in (0.99, 0.45))
+    assert ids(tracked(sure[:50] + doubted[50:], window_s=4.0)) == [[1]] * 200
 
 
 def test_numbers_sizes_and_fronts_go_on_from_window_to_window() -> None:

@@ -43,6 +43,14 @@ def test_points_of_others_do_not_count() -> None:
     np.testing.assert_allclose(ends[:, 0], [1.0, -1.0], atol=1e-6)
 
 
+def test_points_of_the_next_object_do_not_count() -> None:
+    """Cars parked bumper to bumper."""
+    row = boxes3d([[x, 0, 0.8, 4.0, 1.8, 1.6, 0.0] for x in (0.0, 4.4, 8.8)])
+    along = np.linspace(-2.0, 10.8, 129)
+    ends = find_end_points(fused(row), cloud(np.column_stack([along, 0 * along, 0 * along + 1.0]), np.zeros(129)))
+    np.testing.assert_allclose(ends[:, :, 0], [[2.2, -2.0], [6.6, 2.2], [10.8, 6.6]], atol=0.11)
+
+
 @pytest.mark.parametrize("points", [0, 7])
 def test_too_few_points_have_no_ends(points: int) -> None:
     ends = find_end_points(fused(box(0, 0, 0)), cloud(np.ones((points, 3)) * 0.5, np.zeros(points)))
