@@ -52,13 +52,13 @@ from lidcam.pipeline.fusion.belief.memory import RecallCounts
 from lidcam.pipeline.fusion.belief.odds import (
     FITTED,
     Coefficients,
-    are_in_view,
     camera_evidence,
     joined,
     log_odds_before_cameras,
     match_radii_m,
     position_probability,
     probability,
+    view_shares,
 )
 from lidcam.pipeline.fusion.belief.visibility import Visibility, find_visibility
 from lidcam.processing import RunObserver, process_recording
@@ -108,8 +108,8 @@ class Weighed:
 
     def starts(self, frames: Sequence[WeighedFrame]) -> "tuple[Start, Start]":
         """The evidence before a camera is asked of all hypotheses of frames, and of all lidar boxes by themselves."""
-        asked = [(one.boxes, one.lidar_count, are_in_view(one.visibility)) for one in frames]
-        alone = [(one.alone, len(one.alone), np.zeros(len(one.alone), np.bool_)) for one in frames]
+        asked = [(one.boxes, one.lidar_count, view_shares(one.visibility)) for one in frames]
+        alone = [(one.alone, len(one.alone), np.zeros(len(one.alone))) for one in frames]
         return Start.of(self.config, asked), Start.of(self.config, alone)
 
 
@@ -219,12 +219,14 @@ class Start:
     sources: U8
     is_lidar: Bools
     place: F64
-    in_view: Bools | None
+    in_view: F64 | None
+    are_upright: Bools
 
     @classmethod
-    def of(cls, config: Config, frames: Sequence[tuple[Boxes3D, int, Bools]]) -> "Start":
-        """Of the boxes of frames, how many of them the lidars found, and which a camera looks at."""
+    def of(cls, config: Config, frames: Sequence[tuple[Boxes3D, int, F64]]) -> "Start":
+        """Of the boxes of frames, how many of them the lidars found, and how well a camera sees each."""
         frequencies = np.array([prior.frequency for prior in config.classes])
+        upright = np.array([prior.is_upright for prior in config.classes])
         reach_m = match_radii_m(config.classes)
         boxes = [one for one, _, _ in frames]
         in_view = np.concatenate([one for _, _, one in frames])
@@ -235,14 +237,14 @@ class Start:
             np.concatenate([one.sources for one in boxes]),
             np.concatenate([np.arange(len(one)) < count for one, count, _ in frames]),
             np.concatenate([position_probability(one.covariances, reach_m[one.class_ids]) for one in boxes]),
-            in_view & config.detect3d.has_network if config.detect3d.scores_are_probabilities else None,
+            in_view * config.detect3d.has_network if config.detect3d.scores_are_probabilities else None,
+            np.concatenate([upright[one.class_ids] for one in boxes]),
         )
 
     def log_odds(self, by: Coefficients) -> F64:
         """(N,) as these coefficients say."""
-        return log_odds_before_cameras(
-            self.scores, self.frequencies, self.point_counts, self.sources, self.is_lidar, by, in_view=self.in_view
-        )
+        measured = self.scores, self.frequencies, self.point_counts, self.sources, self.is_lidar
+        return log_odds_before_cameras(*measured, by, in_view=self.in_view, are_upright=self.are_upright)
 
 
 @dataclass(frozen=True, eq=False)

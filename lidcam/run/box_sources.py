@@ -85,7 +85,8 @@ def add_boxes3d(
 
     if config.detect3d.method != "recorded":
         nothing = graph.add("no recorded 3D boxes", _no_boxes3d, graph.frame, timed=False)
-        return nothing, graph.add("detect 3D", Detect3D(rig, config), combined)
+        detect = Detect3D(rig, config, has_2d_boxes=box_source(config, rig) != "none")
+        return nothing, graph.add("detect 3D", detect, combined)
     from lidcam.readers.streams.recorded3d import RecordedBoxes3D
 
     recorded = graph.add("read 3D boxes", RecordedBoxes3D(rig, config, on_bad=on_bad), graph.frame)

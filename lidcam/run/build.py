@@ -59,7 +59,9 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     proposed = graph.add("propose", propose, combined, lidar, matches, placed)
     hypotheses = graph.add("associate all", partial(_hypotheses, associate), lidar, matches, proposed, boxes2d, views)
     # Class, position and existence.
-    hypotheses = graph.add("classify", Classify(config.classes, riders), hypotheses, boxes2d)
+    tells_class = config.detect3d.scores_are_probabilities
+    classify = Classify(config.classes, riders, scores_are_probabilities=tells_class)
+    hypotheses = graph.add("classify", classify, hypotheses, boxes2d)
     hypotheses = graph.add("reshape", Reshape(fitter, config.detect3d, config.classes), combined, hypotheses, lidar)
     hypotheses = graph.add("refine", Refine(rig, config.fuse), hypotheses, boxes2d, views)
     look = partial(find_visibility, agreement=class_agreement(config.classes, riders))
@@ -69,7 +71,7 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
         config.fuse,
         config.classes,
         config.combine.motion,
-        scores_are_probabilities=config.detect3d.scores_are_probabilities,
+        scores_are_probabilities=tells_class,
         has_network=config.detect3d.has_network,
     )
     beliefs = graph.add("believe", believe, hypotheses, visibility, graph.frame, ordered=True)

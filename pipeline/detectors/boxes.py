@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes3D, Source
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
@@ -10,13 +11,15 @@ from lidcam.pipeline.core.geometry.rotated_iou import BoxArrays
 from lidcam.pipeline.detectors.protocols import Candidates3D
 
 
-def likely_boxes(combined: CombinedCloud, site_frame: str, found: Candidates3D, min_score: float) -> Boxes3D:
+def likely_boxes(combined: CombinedCloud, site_frame: str, found: Candidates3D, min_scores: F64 | float) -> Boxes3D:
     """Boxes of a cloud in order of falling score, then of x and y; of those in one place only the best.
 
-    Boxes of no class, or with a score below `min_score`, are left out.
+    Boxes of no class, or with a score below `min_scores`, one number or (K,) of their class, are left out.
     """
     order = np.lexsort((found.centers[:, 1], found.centers[:, 0], -found.scores))
-    order = order[(found.scores[order] >= min_score) & (found.class_ids[order] >= 0)]
+    order = order[found.class_ids[order] >= 0]
+    limits = np.asarray(min_scores) if np.ndim(min_scores) == 0 else np.asarray(min_scores)[found.class_ids[order]]
+    order = order[found.scores[order] >= limits]
     order = order[without_overlaps(BoxArrays(found.centers[order], found.sizes[order], found.yaws[order]))]
     return Boxes3D(
         stamp_ns=combined.detection_cloud.stamp_ns,

@@ -21,13 +21,13 @@ from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.fusion.belief.memory import Memory, RecallCounts
 from lidcam.pipeline.fusion.belief.odds import (
     FITTED,
-    are_in_view,
     camera_evidence,
     joined,
     log_odds_before_cameras,
     match_radii_m,
     position_probability,
     probability,
+    view_shares,
 )
 from lidcam.pipeline.fusion.belief.visibility import Visibility
 
@@ -51,6 +51,7 @@ class Believe:
     ) -> None:
         self._is_calibrated, self._has_network = scores_are_probabilities, has_network
         self._frequencies = np.array([prior.frequency for prior in classes])
+        self._are_upright = np.array([prior.is_upright for prior in classes])
         self._radii_m = match_radii_m(classes)
         self._cameras = [camera.name for camera in rig.cameras]
         self._recall = RecallCounts(self._cameras, config.camera_recall)
@@ -71,7 +72,7 @@ class Believe:
             FrameError: the motion is that of a frame other than the site frame.
         """
         is_seen, has_absent = self._seen_and_absent(hypotheses, visibility)
-        before = self._before_cameras(hypotheses, are_in_view(visibility) & self._has_network)
+        before = self._before_cameras(hypotheses, view_shares(visibility) * self._has_network)
         evidence = camera_evidence(visibility, self._recall.plain(visibility), FITTED)
         self._recall.learn(visibility, before, evidence, FITTED)
         boxes, by_cameras = hypotheses.boxes, joined(evidence, FITTED)
@@ -84,7 +85,7 @@ class Believe:
         position = position_probability(boxes.covariances, self._radii_m[boxes.class_ids])
         return probability(before + by_cameras + recalled) * position
 
-    def _before_cameras(self, hypotheses: Hypotheses, in_view: Bools) -> F64:
+    def _before_cameras(self, hypotheses: Hypotheses, in_view: F64) -> F64:
         boxes = hypotheses.boxes
         return log_odds_before_cameras(
             boxes.scores.astype(np.float64),
@@ -94,6 +95,7 @@ class Believe:
             np.arange(len(boxes)) < hypotheses.lidar_count,
             FITTED,
             in_view=in_view if self._is_calibrated else None,
+            are_upright=self._are_upright[boxes.class_ids],
         )
 
     def _seen_and_absent(self, hypotheses: Hypotheses, visibility: Visibility) -> tuple[Bools, Bools]:

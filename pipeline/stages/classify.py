@@ -14,6 +14,7 @@ from lidcam.pipeline.core.arrays import F64, I32, Bools, Indices
 from lidcam.pipeline.core.association import class_distances
 from lidcam.pipeline.core.detections import Boxes2D, Hypotheses
 from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.detectors.log_odds import logit
 
 CONFUSION_SCALE = 0.45
 """Distance of classes, in logarithms of length, width, height, over which the share of votes falls to 1/e."""
@@ -40,22 +41,43 @@ COMPLETED_TOLERANCE = 1e-3
 """Maximum relative difference from the typical extent of the class for an extent that was completed, not measured."""
 
 
+RIDER_AS_PERSON = 0.5
+"""Share of riders whom a detector that knows no riders finds as a person alone."""
+
+MAX_SCORE_LOG_ODDS = 3.0
+"""Maximum log odds of the class by the lidars' score."""
+
+
 class Classify:
     """Classes of the hypotheses of a frame."""
 
-    def __init__(self, classes: Sequence[ClassPrior], riders: frozenset[tuple[int, int]] = frozenset()) -> None:
-        """Classify into these classes, with the `riders` of the 2D detector (`Detect2D.riders`)."""
-        self._priors = tuple(classes)
+    def __init__(
+        self,
+        classes: Sequence[ClassPrior],
+        riders: frozenset[tuple[int, int]] = frozenset(),
+        *,
+        scores_are_probabilities: bool = False,
+    ) -> None:
+        """Classify into these classes.
+
+        Args:
+            classes: All classes.
+            riders: `Detect2D.riders`.
+            scores_are_probabilities: Whether the scores of the lidars' boxes are those of their class.
+        """
+        self._priors, self._scores_tell = tuple(classes), scores_are_probabilities
         self._taken_for = confusion(classes)
-        self._rides = np.zeros(self._taken_for.shape, np.bool_)
+        # A rider whose bicycle the detector overlooks is a person to it.
+        self._ridden_for = self._taken_for.copy()
         for ridden, person in riders:
-            self._rides[ridden, person] = True
+            share = RIDER_AS_PERSON if scores_are_probabilities else 1.0
+            self._ridden_for[ridden, person] = share * self._taken_for[person, person]
 
     def __call__(self, hypotheses: Hypotheses, boxes2d: Mapping[str, Boxes2D]) -> Hypotheses:
         """The same hypotheses, each of its most probable class; unmatched ones keep theirs.
 
-        Where a detector that knows no riders sees a person and the lidars a bicycle, it is a rider. Among equally
-        probable classes the lowest id is taken.
+        Where a detector that knows no riders sees a person and the lidars a bicycle, either may be right, and the
+        lidars' score decides. Among equally probable classes the lowest id is taken.
 
         Args:
             hypotheses: N boxes, and their matches with `boxes2d`.
@@ -66,13 +88,15 @@ class Classify:
         if not seen:
             return hypotheses
         odds = class_log_odds(boxes.sizes, boxes.class_ids, self._priors)
+        own = np.arange(hypotheses.lidar_count)
+        if self._scores_tell:
+            odds[own, boxes.class_ids[own]] += logit(boxes.scores[own].astype(np.float64)).clip(0.0, MAX_SCORE_LOG_ODDS)
         rows = np.concatenate([rows for (rows, _), _ in seen])
         named = np.concatenate([found.class_ids[rows2d] for (_, rows2d), found in seen])
-        by_lidar = boxes.class_ids[rows]
-        rides = self._rides[by_lidar, named] & (rows < hypotheses.lidar_count)
-        named = np.where(rides, by_lidar, named)
         scores = np.concatenate([found.scores[rows2d] for (_, rows2d), found in seen]).astype(np.float64)
-        np.add.at(odds, rows, vote_log_odds(named, scores, self._taken_for))
+        by_lidar = (rows < hypotheses.lidar_count)[:, None]
+        votes = [vote_log_odds(named, scores, table) for table in (self._ridden_for, self._taken_for)]
+        np.add.at(odds, rows, np.where(by_lidar, *votes))
         is_matched = np.bincount(rows, minlength=len(boxes)) > 0
         class_ids = np.where(is_matched, odds.argmax(1), boxes.class_ids).astype(np.int32)
         return replace(hypotheses, boxes=replace(boxes, class_ids=class_ids))

@@ -19,25 +19,32 @@ from lidcam.pipeline.detectors.boxes import likely_boxes
 from lidcam.pipeline.detectors.cluster.learned import LearnedScores
 from lidcam.pipeline.detectors.protocols import Candidates3D, Detector3D
 
+MIN_SCORE_OF_PEOPLE = 0.02
+"""Minimum score of people, on foot or riding, where there are 2D boxes."""
+
 
 class Detect3D:
     """Boxes of the configured classes in the combined cloud."""
 
-    def __init__(self, rig: Rig, config: Config) -> None:
+    def __init__(self, rig: Rig, config: Config, *, has_2d_boxes: bool = False) -> None:
         """Load the engine named by `detect3d.method`, and the network that scores its boxes.
+
+        With 2D boxes, improbable people of a network are kept: the cameras tell which are right.
 
         Raises:
             ConfigError: the classes are not those that a learned score knows.
             ModelError: a package that it needs is not installed, or a network or weights cannot be read.
         """
         self._site_frame = rig.site_frame
-        self._min_score = config.detect3d.min_score
+        min_score = config.detect3d.min_score
+        min_people = min(min_score, MIN_SCORE_OF_PEOPLE) if has_2d_boxes and config.detect3d.has_network else min_score
+        self._min_scores = np.array([min_people if prior.is_upright else min_score for prior in config.classes])
         self._detector = _detector(rig, config)
         self._rescored = LearnedScores(rig, config) if config.detect3d.is_learned else None
 
     def __call__(self, combined: CombinedCloud) -> Boxes3D:
         """Boxes in the site frame, in order of falling score, then of x and y."""
-        boxes = likely_boxes(combined, self._site_frame, self._detector(combined), self._min_score)
+        boxes = likely_boxes(combined, self._site_frame, self._detector(combined), self._min_scores)
         if self._rescored is None:
             return boxes
         boxes = self._rescored(combined, boxes)

@@ -43,7 +43,7 @@ JUMP_SIGMA = 0.03
 MIN_LANE_TRAVEL = 3.0
 """Minimum travel, in motion scales, before a track defines a lane; less may be a wrong assignment."""
 
-SIZE_QUANTILE = 0.75
+SIZE_QUANTILE = 0.65
 """Quantile of the weighted lengths and widths; above the median, as other objects hide ends more often than they add to
 them."""
 

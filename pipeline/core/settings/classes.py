@@ -2,6 +2,9 @@
 
 from lidcam.pipeline.core.settings.model import Positive, SettingsModel
 
+MIN_UPRIGHT_HEIGHT = 2.0
+"""Minimum ratio of height to the smaller of length and width of a person."""
+
 
 class ClassPrior(SettingsModel):
     """A class of road users, and what is known of its size.
@@ -26,6 +29,11 @@ class ClassPrior(SettingsModel):
     kinds_m: tuple[tuple[Positive, Positive, Positive], ...] = ()
     frequency: Positive = 1.0
     labels: tuple[str, ...] = ()
+
+    @property
+    def is_upright(self) -> bool:
+        """Whether it is a person, on foot or riding: much higher than wide."""
+        return self.size_m[2] > MIN_UPRIGHT_HEIGHT * min(self.size_m[:2])
 
     @property
     def known_as(self) -> tuple[str, ...]:

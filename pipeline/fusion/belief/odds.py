@@ -27,8 +27,11 @@ MAX_HIDDEN_VIEW_SHARE = 0.1
 MAX_RECALL = 0.98
 """Maximum recall of a detector, whatever is set or learned from few objects."""
 
-CUT_RECALL = 0.7
+CUT_RECALL = 0.4
 """Relative recall for objects truncated by the image border."""
+
+VEHICLE_SHARE = 0.5
+"""Share of `Coefficients.in_view` that counts for vehicles: fewer things look like them to both sensors."""
 
 
 class Coefficients(NamedTuple):
@@ -82,7 +85,8 @@ def log_odds_before_cameras(
     is_lidar: Bools,
     by: Coefficients,
     *,
-    in_view: Bools | None = None,
+    in_view: F64 | None = None,
+    are_upright: Bools | None = None,
 ) -> F64:
     """(N,) log odds of boxes by the lidars alone.
 
@@ -93,13 +97,18 @@ def log_odds_before_cameras(
         sources: (N,) `Source` of each box.
         is_lidar: (N,) whether the lidars found it; 2D boxes propose the others.
         by: Coefficients.
-        in_view: (N,) whether each box of a network is in view of a camera, if the lidars' scores are probabilities;
-            None for geometric scores of clusters.
+        in_view: (N,) how well a camera sees each box of a network, from 0 to 1, if the lidars' scores are
+            probabilities; None for geometric scores of clusters.
+        are_upright: (N,) whether their classes are people, on foot or riding; with `in_view`. In view of a camera,
+            they are at least as probable as what a 2D box proposes by itself: scores say little of people.
     """
     score, points = logit(scores), np.log(np.maximum(point_counts, 1))
     proposed = np.where(sources == Source.CAMERA.value, by.placed, by.frustum + by.frustum_score * score)
     if in_view is not None:
-        return np.where(is_lidar, score + by.in_view * in_view, proposed)
+        is_seen, upright = in_view > 0, np.zeros(len(score), np.bool_) if are_upright is None else are_upright
+        rated = score + by.in_view * np.where(upright, in_view, VEHICLE_SHARE * is_seen)
+        rated = np.where(upright & is_seen, np.maximum(rated, by.frustum), rated)
+        return np.where(is_lidar, rated, proposed)
     found = by.lidar + by.lidar_score * score + by.lidar_points * points + by.lidar_frequency * np.log(frequencies)
     return np.where(is_lidar, found, proposed)
 
@@ -127,20 +136,23 @@ def camera_evidence(visibility: Visibility, plain_recall: F64, by: Coefficients)
         by: Coefficients.
     """
     ratio = by.match + by.match_score * logit(visibility.scores) + by.match_iou * visibility.iou
-    shown = (visibility.visible - MAX_HIDDEN_VIEW_SHARE) / (MIN_FULL_VIEW_SHARE - MAX_HIDDEN_VIEW_SHARE)
-    recall = plain_recall * shown.clip(0, 1) * np.where(visibility.is_cut, CUT_RECALL, 1.0) * visibility.in_view
+    recall = plain_recall * _shown(visibility) * np.where(visibility.is_cut, CUT_RECALL, 1.0) * visibility.in_view
     missed = by.missed * np.log1p(-np.minimum(recall, MAX_RECALL))
     # A box of another class counts no more against it than none.
     matched = np.maximum(ratio + visibility.agreement, np.minimum(ratio, missed))
     return np.asarray(np.where(visibility.is_matched, matched, missed))
 
 
-def are_in_view(visibility: Visibility) -> Bools:
-    """(N,) whether each box is in view of a camera, and not hidden."""
-    nobody = np.zeros((1, visibility.visible.shape[1]), np.bool_)
-    return np.asarray(
-        np.concatenate([nobody, visibility.in_view & (visibility.visible > MAX_HIDDEN_VIEW_SHARE)]).any(0)
-    )
+def view_shares(visibility: Visibility) -> F64:
+    """(N,) how well the best camera sees each box, from 0 (not in view, or hidden) to 1 (in full view)."""
+    nobody = np.zeros((1, visibility.visible.shape[1]))
+    return np.asarray(np.concatenate([nobody, _shown(visibility) * visibility.in_view]).max(0))
+
+
+def _shown(visibility: Visibility) -> F64:
+    """(C, N) share of a detector's recall that is left of objects that are hidden in part."""
+    share = (visibility.visible - MAX_HIDDEN_VIEW_SHARE) / (MIN_FULL_VIEW_SHARE - MAX_HIDDEN_VIEW_SHARE)
+    return np.asarray(share.clip(0, 1))
 
 
 def joined(evidence: F64, by: Coefficients) -> F64:

@@ -1,4 +1,5 @@
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -36,11 +37,14 @@ def classified(
     *,
     riders: frozenset[tuple[int, int]] = frozenset(),
     by_lidar: bool = True,
+    score: float | None = None,
 ) -> int:
     boxes = boxes3d([(5.0, 1.0, 0.5, *size, 0.3)], class_ids=[own])
+    boxes = replace(boxes, scores=np.full(1, 0.5 if score is None else score, np.float32))
     found = {f"cam{i}": seen(*vote) for i, vote in enumerate(votes)}
     given = Hypotheses(boxes, {name: matches((0, 0), boxes=1) for name in found}, int(by_lidar))
-    return int(Classify(ROAD_CLASSES, riders)(given, found).boxes.class_ids[0])
+    classify = Classify(ROAD_CLASSES, riders, scores_are_probabilities=score is not None)
+    return int(classify(given, found).boxes.class_ids[0])
 
 
 @pytest.mark.parametrize(
@@ -69,6 +73,14 @@ def test_a_person_on_what_the_lidars_take_for_a_bicycle_rides_it_if_the_network_
     assert classified(SIZES[BICYCLE], BICYCLE, votes, riders=riders) == BICYCLE
     assert classified(SIZES[PEDESTRIAN], PEDESTRIAN, votes, riders=riders) == PEDESTRIAN
     assert classified(SIZES[BICYCLE], BICYCLE, votes, riders=riders, by_lidar=False) == PEDESTRIAN, "2D boxes made it"
+
+
+@pytest.mark.parametrize(
+    ("score", "own", "class_id"), [(0.48, BICYCLE, PEDESTRIAN), (0.9, BICYCLE, BICYCLE), (0.48, PEDESTRIAN, PEDESTRIAN)]
+)
+def test_the_lidars_score_decides_whether_a_person_rides(score: float, own: int, class_id: int) -> None:
+    riders, votes = frozenset({(BICYCLE, PEDESTRIAN)}), [(0.92, PEDESTRIAN)]
+    assert classified(SIZES[own], own, votes, riders=riders, score=score) == class_id
 
 
 def test_no_boxes() -> None:

@@ -8,6 +8,7 @@ from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
 from lidcam.pipeline.detectors.log_odds import logit
 from lidcam.pipeline.fusion.belief.odds import (
     FITTED,
+    VEHICLE_SHARE,
     camera_evidence,
     joined,
     joined_without_each,
@@ -64,6 +65,27 @@ def test_what_a_2d_box_proposes_has_less_behind_it_without_points() -> None:
     is_lidar = np.array([True, False, False])
     odds = log_odds_before_cameras(np.full(3, 0.5), np.ones(3), LIDAR[0], sources, is_lidar, FITTED)
     assert odds[1:].tolist() == [FITTED.frustum, FITTED.placed]
+
+
+def before(score: float, in_view: float, *, is_upright: bool) -> float:
+    """Log odds of a network's box of 20 points."""
+    upright, ones = np.array([is_upright]), np.ones(1)
+    measured = np.array([score]), ones, LIDAR[0][:1], LIDAR[1][:1], LIDAR[2][:1], FITTED
+    return float(log_odds_before_cameras(*measured, in_view=np.array([in_view]), are_upright=upright)[0])
+
+
+def test_a_networks_box_counts_less_as_far_as_a_camera_sees_it() -> None:
+    plain = float(logit(np.array(0.9)))
+    assert [before(0.9, view, is_upright=True) for view in (0.0, 0.5, 1.0)] == pytest.approx(
+        [plain, plain + FITTED.in_view / 2, plain + FITTED.in_view]
+    )
+    assert before(0.9, 0.5, is_upright=False) == pytest.approx(plain + VEHICLE_SHARE * FITTED.in_view)
+
+
+def test_improbable_people_in_view_are_as_probable_as_what_a_2d_box_proposes() -> None:
+    assert before(0.02, 1.0, is_upright=True) == FITTED.frustum
+    assert before(0.02, 0.0, is_upright=True) < FITTED.frustum
+    assert before(0.02, 1.0, is_upright=False) < FITTED.frustum
 
 
 def test_a_match_speaks_for_and_silence_against() -> None:
