@@ -74,6 +74,8 @@ class Detect3DConfig(SettingsModel):
         weights: File of that network, as `lidcam train clusters` writes it. Empty: the one that comes with lidcam.
         min_score: Boxes with a lower score are removed; with `learned`, those whose geometric score is lower; with
             `combined` clusters of a lower geometric score, and then boxes that are less probable.
+        near_weight: Log odds that `combined` adds to a truck or bus for each logarithm of its points, where its side is
+            at a lidar, less up to 6 m. Beside lidars on a vehicle there is traffic; 0 for fixed ones, beside walls.
         cluster: Settings of the method `cluster`.
         recorded: Settings of the method `recorded`.
     """
@@ -83,6 +85,7 @@ class Detect3DConfig(SettingsModel):
     score: Literal["auto", "learned", "geometric"] = "auto"
     weights: Path | None = None
     min_score: Share = 0.07
+    near_weight: NotNegative = 0.4
     cluster: ClusterConfig = ClusterConfig()
     recorded: Recorded3DConfig = Recorded3DConfig()
 
