@@ -164,6 +164,7 @@ class SensorSummary:
     box_source_3d: str  # Source of the lidars' 3D boxes: a name of `ENGINES`
     motion_topics: tuple[str, ...]  # Topics of the motion of the site frame; empty where it stands still
     corrections: Mapping[str, CameraCorrection]  # Corrections of cameras by the recording, by name
+    box_words: tuple[str, str]  # The source of the 2D boxes in words, and what to type for one: `boxes_2d_words`
 
     __repr__ = brief
 

@@ -15,7 +15,7 @@ from lidcam.pipeline.core.arrays import F64, Bools, Indices
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.errors import ModelError
-from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.geometry.boxes import rotations_2d, wrap_angle
 from lidcam.pipeline.core.geometry.overlaps import OVERLAP_SHARE, overlap_shares
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
@@ -27,11 +27,16 @@ from lidcam.pipeline.detectors.log_odds import logit, sigmoid
 from lidcam.pipeline.detectors.pillars.detector import FittedPillarDetector
 from lidcam.pipeline.detectors.protocols import Candidates3D
 
-UNKNOWN, PERSON = KINDS.index("background"), KINDS.index("pedestrian")
+UNKNOWN, PERSON, LARGE = map(KINDS.index, ("background", "pedestrian", "large vehicle"))
 
 CLUSTER_BONUS = 0.01
 """Log-odds bonus of a cluster over a co-located network box, for classes without a learned score: the points show the
 sides of model cars better than the network does."""
+
+
+NEAR_M = 6.0
+"""Distance of a side from the nearest lidar within which a large vehicle fills the field of view: its top, and often
+its ends, are out of sight, and the network doubts it. With `detect3d.near_weight`, fitted as `FITTED`."""
 
 
 class Weights(NamedTuple):
@@ -56,6 +61,7 @@ class Evidence(NamedTuple):
     learned: F64  # (N,) log odds by the score of clusters; 0 for boxes of the network if that is not the learned one
     network: F64  # (N,) log odds by the network; NaN where it has no box
     is_reached: Bools  # (N,) whether the network knows such objects, and its grid reaches them
+    near: F64  # (N,) logarithm of the points, times the share of `NEAR_M` by which a side is nearer
 
 
 class CombinedDetector:
@@ -79,6 +85,8 @@ class CombinedDetector:
         self._groups = np.where(self._kinds == UNKNOWN, len(KINDS) + np.arange(len(self._kinds)), self._kinds)
         self._clusters, self._network = ClusterDetector(rig, config), FittedPillarDetector(rig, config)
         self._site_frame, self._min_score = rig.site_frame, config.detect3d.min_score
+        self._near_weight = config.detect3d.near_weight
+        self._lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in rig.lidars]).reshape(-1, 2)
 
     def __call__(self, combined: CombinedCloud) -> Candidates3D:
         """Boxes of the network, fitted to their points, and clusters that have the direction of such a box."""
@@ -104,7 +112,11 @@ class CombinedDetector:
         learned = np.concatenate([own, clusters.scores])
         is_found = np.isin(self._groups, self._groups[self._network.class_ids])
         is_reached = is_found[boxes.class_ids] & self._network.reaches(boxes.centers[:, :2])
-        return Evidence(boxes, logit(learned.astype(np.float64)), np.append(network, beside), is_reached)
+        in_box = (self._lidar_xy - boxes.centers[:, None, :2]) @ rotations_2d(boxes.yaws)
+        outside = np.abs(in_box) - boxes.sizes[:, None, :2] / 2
+        side_m = np.linalg.norm(np.maximum(outside, 0.0), axis=2).min(1, initial=NEAR_M)
+        near = np.log(np.maximum(boxes.point_counts, 1)) * (1 - side_m / NEAR_M)
+        return Evidence(boxes, logit(learned.astype(np.float64)), np.append(network, beside), is_reached, near)
 
     def _partners(self, clusters: Boxes3D, found: Boxes3D) -> tuple[Indices, Indices]:
         """Clusters, and for each the likeliest box of the network that shares its ground, of its kind.
@@ -118,11 +130,13 @@ class CombinedDetector:
 
     def _log_odds(self, evidence: Evidence) -> F64:
         """(N,) of boxes, by the log odds of both."""
-        boxes, learned, network, is_reached = evidence
+        boxes, learned, network, is_reached, near = evidence
         kinds = self._kinds[boxes.class_ids]
         both, alone = FITTED.both[kinds], FITTED.alone[kinds]
         missed = alone[:, 0] + alone[:, 1] * learned
         missed = np.where(is_reached, missed, learned)
         joint = both[:, 0] + both[:, 1] * learned + both[:, 2] * network
-        joint = np.where(kinds == PERSON, np.minimum(joint, learned), joint)
+        joint = np.where(kinds == PERSON, np.minimum(joint, learned), joint) + self._near_weight * near * (
+            kinds == LARGE
+        )
         return np.where(np.isnan(network), missed, joint)

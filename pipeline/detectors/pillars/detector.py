@@ -12,6 +12,7 @@ from lidcam.pipeline.core.geometry.rotated_iou import pair_ious
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.boxes import likely_boxes
+from lidcam.pipeline.detectors.cluster.completion import MAX_SLENDER_SHARE
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
 from lidcam.pipeline.detectors.cluster.refitting import Refitter
 from lidcam.pipeline.detectors.log_odds import logit, sigmoid
@@ -156,6 +157,9 @@ class FittedPillarDetector:
         self._network, self._site_frame = PillarDetector(rig, config), rig.site_frame
         fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
         self._refit = Refitter(fitter, config.detect3d.cluster, config.classes)
+        sizes = np.array([prior.size_m for prior in config.classes])
+        self._is_slender = sizes[:, 1] <= MAX_SLENDER_SHARE * sizes[:, 2]
+        self._is_tall = sizes[:, 2] > sizes[self._is_slender, 2].max(initial=0)
 
     def __call__(self, combined: CombinedCloud) -> Candidates3D:
         """Boxes of the network, fitted to their points where the fit agrees with the network."""
@@ -165,9 +169,14 @@ class FittedPillarDetector:
     def boxes(self, combined: CombinedCloud) -> Boxes3D:
         """Boxes as proposed, likelier ones first, without those that share the ground of a likelier one.
 
+        Vehicles taller than people stay beside likelier people: to the network their parts may look like people.
         A box is left as it is where its points are only a part of the object, or more than the object.
         """
-        found = likely_boxes(combined, self._site_frame, self._network(combined), 0.0)
+        proposed = self._network(combined)
+        vehicles = Candidates3D._make(column[~self._is_slender[proposed.class_ids]] for column in proposed)
+        found, beside = (likely_boxes(combined, self._site_frame, one, 0.0) for one in (proposed, vehicles))
+        found = found.select(~self._is_tall[found.class_ids]).joined(beside.select(self._is_tall[beside.class_ids]))
+        found = found.select(np.argsort(-found.scores, kind="stable"))
         fitted, _ = self._refit(combined, found, np.arange(len(found)))
         turn = np.abs(wrap_angle(2 * (fitted.yaws - found.yaws))) / 2  # the network decides front and rear
         agree = (pair_ious(found, fitted).bev >= MIN_FITTED_IOU) & (

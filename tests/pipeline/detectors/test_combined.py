@@ -10,11 +10,12 @@ from pillar_files import numbers_of, write_pillars
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.errors import ModelError
+from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.detectors.cluster.features import FEATURES
 from lidcam.pipeline.detectors.cluster.kinds import KINDS
 from lidcam.pipeline.detectors.cluster.network import ClusterNetwork
-from lidcam.pipeline.detectors.combined import CLUSTER_BONUS, FITTED
+from lidcam.pipeline.detectors.combined import CLUSTER_BONUS, FITTED, NEAR_M
 from lidcam.pipeline.stages.detect3d import Detect3D
 
 LIDAR = (0.0, 0.0, 1.8)
@@ -22,6 +23,8 @@ CAR: Box = (8.2, -3.1, 0.75, 4.2, 1.75, 1.5, 2.5)
 TURNED: Box = (-7.0, 6.0, 0.75, 4.2, 1.75, 1.5, -2.2)
 FEW: Box = (5.0, 9.0, 0.75, 4.2, 1.75, 1.5, 0.0)
 FAR: Box = (-22.0, 3.0, 0.75, 4.2, 1.75, 1.5, 0.3)
+TRUCK: Box = (2.0, -3.75, 1.6, 8.0, 2.5, 3.2, 0.0)
+MIRROR: Box = (-1.0, -2.6, 0.9, 0.4, 0.4, 1.8, 0.0)
 PERSON: Box = (6.0, 2.0, 0.9, 0.4, 0.4, 1.8, 0.0)
 OFF = np.array([0.15, -0.1, 0.0, -0.2, 0.1, 0.1, 0.2])
 """What the network is wrong by: in place, size and heading."""
@@ -30,10 +33,15 @@ LEARNED = dict(zip(KINDS, (0.05, 0.6, 0.3, 0.03, 0.02), strict=True))
 LOG_ODDS = 3.0
 
 
-def detector(tmp_path: Path, boxes: list[F64], names: tuple[str, ...] = ("car",), method: str = "combined") -> Detect3D:
-    """With a network that finds these boxes of the first class with `LOG_ODDS`; the score of clusters is `LEARNED`."""
+def detector(
+    tmp_path: Path, boxes: list[F64], names: tuple[str, ...] = ("car",), method: str = "combined", last: int = 0
+) -> Detect3D:
+    """With a network that finds these boxes with `LOG_ODDS`; the score of clusters is `LEARNED`.
+
+    They are of the first class, the last one of class `last`.
+    """
     rows = np.array(boxes).reshape(-1, 7)
-    odds, classes = np.full(len(rows), LOG_ODDS), [0] * len(rows)
+    odds, classes = np.full(len(rows), LOG_ODDS), [0] * (len(rows) - 1) + [last] * (len(rows) > 0)
     numbers = numbers_of(rows[:, :3], rows[:, 3:6], rows[:, 6], odds, classes, len(names))
     model = write_pillars(tmp_path / "net.onnx", numbers, [{"name": one} for one in names])
     weights = tmp_path / "net.npz"
@@ -95,6 +103,16 @@ def test_of_people_the_learned_score_is_not_raised(tmp_path: Path) -> None:
     assert log_odds(detector(tmp_path, boxes, names, "pillars")(cloud), PERSON) == pytest.approx(LOG_ODDS)
     found = at(detector(tmp_path, boxes, names)(cloud), PERSON)
     np.testing.assert_allclose(found.scores, LEARNED["pedestrian"], rtol=1e-3)
+
+
+def test_a_truck_beside_the_lidar(tmp_path: Path) -> None:
+    """A mirror that the network takes for a person does not rule it out, and its many points speak for it."""
+    cloud = combined(scan(LIDAR, [TRUCK]))
+    boxes = detector(tmp_path, [np.array(TRUCK), np.array(MIRROR)], ("truck", "pedestrian"), last=1)(cloud)
+    both, learned = FITTED.both[KINDS.index("large vehicle")], logit(LEARNED["large vehicle"])
+    near = np.log(at(boxes, TRUCK).point_counts[0]) * (1 - (abs(TRUCK[1]) - TRUCK[4] / 2) / NEAR_M)
+    expected = both[0] + both[1] * learned + both[2] * LOG_ODDS + Config().detect3d.near_weight * near
+    assert log_odds(boxes, TRUCK) == pytest.approx(expected, abs=0.05)
 
 
 def test_the_order_of_points_does_not_matter(tmp_path: Path) -> None:
