@@ -21,7 +21,7 @@ from lidcam.readers.rig.sensor_topics import SensorFault
 from lidcam.readers.streams.motion import find_motion_source
 from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.readers.streams.survey import TopicSurvey, survey
-from lidcam.run.box_sources import BoxSource, box_source, engine_3d
+from lidcam.run.box_sources import BoxSource, box_source, boxes_2d_words, engine_3d
 from lidcam.run.choice import SettingsChoice, UsedSettings, use_settings, used_record
 from lidcam.run.frames import TimeWindow
 from lidcam.run.job import RigSource, read_rig
@@ -54,6 +54,7 @@ class Inspection:
         warnings: Reasons in the first messages to doubt the calibration.
         motion_topics: Topics of the motion of the site frame; empty where it stands still.
         box_source: Source of the 2D boxes.
+        box_words: The same in words, and what to type where cameras lack a network.
         box_source_3d: Source of the lidars' 3D boxes: a name of `ENGINES`.
         settings: The settings that would be used, and why; None if it cannot process the recording.
     """
@@ -74,6 +75,7 @@ class Inspection:
     warnings: tuple[RunWarning, ...] = ()
     motion_topics: tuple[str, ...] = ()
     box_source: BoxSource = "none"
+    box_words: tuple[str, str] = ("", "")
     box_source_3d: str = "none"
     settings: UsedSettings | None = None
 
@@ -134,6 +136,7 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         warnings=_warnings(recording, found.rig, config, window),
         motion_topics=motion.topics if motion else (),
         box_source=box_source(config, found.rig),
+        box_words=boxes_2d_words(config, found.rig),
         box_source_3d=engine_3d(config),
         settings=used,
         losses=recording.losses,

@@ -38,7 +38,7 @@ from lidcam.readers.rig.discovery import Discovery, discover_rig
 from lidcam.readers.rig.sensor_topics import CLOUD
 from lidcam.readers.streams.motion import find_motion_source
 from lidcam.readers.streams.per_sensor import sensor_messages
-from lidcam.run.box_sources import box_source, check_box_source, engine_3d
+from lidcam.run.box_sources import box_source, boxes_2d_words, check_box_source, engine_3d
 from lidcam.run.build import build_graph
 from lidcam.run.choice import use_settings
 from lidcam.run.effect import settings_sha256
@@ -295,6 +295,7 @@ class Run:
                 box_source=box_source(source.config, source.rig),
                 box_source_3d=engine_3d(source.config),
                 motion_topics=motion_topics,
+                box_words=boxes_2d_words(source.config, source.rig),
             ),
             timing=TimingSummary(
                 stage_seconds=dict(self._graph.seconds),

@@ -1,11 +1,15 @@
-"""What holds for all tests: no deadlines, since the machine may be busy with other tests; and what saves time."""
+"""What holds for all tests: no deadlines, since the machine may be busy; no networks of the user; what saves time."""
 
 import gc
+import os
+import tempfile
 
 from hypothesis import settings
 
 settings.register_profile("lidcam", deadline=None, max_examples=50)
 settings.load_profile("lidcam")
+
+os.environ["XDG_DATA_HOME"] = f"{tempfile.gettempdir()}/lidcam-tests-have-fetched-nothing"
 
 
 def pytest_collection_finish() -> None:

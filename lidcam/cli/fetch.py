@@ -12,7 +12,7 @@ from lidcam.networks.known import NETWORKS, NetworkName
 FETCH_EXAMPLES = """\b
 Examples:
   lidcam fetch yolox-nano
-  lidcam-process drive.bag out.mcap --model-2d yolox-nano
+  lidcam-process drive.bag out.mcap
 """
 
 
@@ -22,8 +22,8 @@ def fetch(
 ) -> None:
     """Download a 2D network from its publisher, once.
 
-    It is kept in your data folder if size and SHA-256 match; `--model-2d NAME` runs it. No other command downloads
-    networks.
+    It is kept in your data folder if size and SHA-256 match. From then on it runs by default in recordings with images
+    and no 2D boxes. No other command downloads networks.
     """
     from pathlib import Path
 

@@ -1,6 +1,7 @@
 """2D networks that lidcam knows by name."""
 
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -41,7 +42,7 @@ NETWORKS: dict[str, KnownNetwork] = {
     ),
     "yolox-s": _yolox("yolox_s.onnx", 35_858_002, "c5c2d13e59ae883e6af3b45daea64af4833a4951c92d116ec270d9ddbe998063"),
 }
-"""By name. The maker publishes no checksums; many projects that use the files have recorded these."""
+"""By name, more precise ones later. The maker publishes no checksums; many projects have recorded these."""
 
 
 def networks_folder() -> Path:
@@ -55,6 +56,16 @@ def networks_folder() -> Path:
         return (data if data.is_absolute() else Path.home() / ".local" / "share") / "lidcam" / "networks"
     except RuntimeError as err:
         raise ModelError("networks: this user has no home folder: let XDG_DATA_HOME name a folder for them") from err
+
+
+def fetched_network() -> Path | None:
+    """The name of the most precise network that the user has fetched, by name and size of the files; None without."""
+    for name, network in reversed(NETWORKS.items()):
+        with suppress(ModelError, OSError):  # no home folder, or one that nobody may look into
+            path = network_path(Path(name))
+            if path.stat().st_size == network.size_bytes and os.access(path, os.R_OK):
+                return Path(name)
+    return None
 
 
 def network_path(model: Path) -> Path:

@@ -23,6 +23,7 @@ from lidcam.readers.recording import Loss
 from lidcam.readers.results.result import SOURCE_TOPICS, TRACKS_TOPIC, Result, open_result
 from lidcam.readers.rig.calibration import SensorSource
 from lidcam.readers.rig.sensor_topics import SensorFault
+from lidcam.run.box_sources import boxes_2d_words
 from lidcam.run.choice import UsedSettings
 from lidcam.run.effect import settings_sha256
 from lidcam.run.missing import MissingSensor, SilentSpan
@@ -165,6 +166,7 @@ def _report(result: Result, path: Path, users: RoadUserTally) -> RunSummary:
             box_source=summary["box_source"],
             box_source_3d=summary["box_source_3d"],
             motion_topics=tuple(motion["topics"]),
+            box_words=boxes_2d_words(result.config, result.rig),
         ),
         timing=TimingSummary({}, math.nan, math.nan),
         settings=UsedSettings(result.metadata["settings"], "given"),

@@ -5,7 +5,7 @@ from os.path import isfile
 from pathlib import Path
 from typing import Any, Literal
 
-from lidcam.networks.known import NETWORKS, network_path
+from lidcam.networks.known import NETWORKS, fetched_network, network_path
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
 from lidcam.pipeline.core.errors import ModelError, RecordingError
@@ -13,6 +13,7 @@ from lidcam.pipeline.core.frame import Decoded, SensorBundle
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.cluster.kinds import knows
+from lidcam.pipeline.detectors.onnx.class_names import COCO_LABELS
 from lidcam.pipeline.detectors.pillars.embedded import EMBEDDED, network_file
 from lidcam.pipeline.graph import Graph, Node
 from lidcam.readers.recording import Recording
@@ -20,6 +21,8 @@ from lidcam.readers.rig.sensor_topics import BOXES, IMAGE
 from lidcam.readers.streams.decoders import ImageDecoder, OnBadMessage, RecordedBoxes
 
 BoxSource = Literal["onnx", "recorded", "none"]
+
+ADVICE = "The cameras are not used: no 2D network. Type `lidcam fetch yolox-nano`, then run this command again."
 
 
 def box_source(config: Config, rig: Rig) -> BoxSource:
@@ -31,6 +34,31 @@ def box_source(config: Config, rig: Rig) -> BoxSource:
         "none": True,
     }
     return wanted if found[wanted] else "none"
+
+
+def with_network_2d(config: Config, recording: Recording, rig: Rig) -> Config:
+    """The settings with `detect2d.model` decided: `auto` becomes a fetched network if cameras have images alone."""
+    topics = {info.topic for info in recording.topics if info.msgtype in IMAGE and info.message_count}
+    has_images = any(camera.topic in topics for camera in rig.cameras)
+    model = fetched_network() if has_images and _may_fetch(config, rig) else None
+    update = {"detect2d": config.detect2d.model_copy(update={"model": model})}
+    return config.model_copy(update=update) if model else config
+
+
+def boxes_2d_words(config: Config, rig: Rig) -> tuple[str, str]:
+    """The source of 2D boxes in words, and what to type where cameras lack a network; mostly empty."""
+    source, model = box_source(config, rig), str(config.detect2d.model)
+    if source != "none":
+        return "as recorded" if source == "recorded" else f"by the 2D network {Path(model).name}", ""
+    lacks = _may_fetch(config, rig) and any(camera.topic for camera in rig.cameras)
+    remedy = "recorded 2D boxes, or a 2D network (lidcam fetch, --model-2d FILE.onnx), enable the cameras"
+    return f"none: lidar-only; {remedy}", ADVICE if lacks else ""
+
+
+def _may_fetch(config: Config, rig: Rig) -> bool:
+    """Whether a network from `lidcam fetch`, which knows COCO's classes, is wanted and of use."""
+    is_open = config.detect2d.model == "auto" and _wanted_boxes(config, rig) in {"onnx", "none"}
+    return is_open and config.detect2d.method != "none" and not set(COCO_LABELS).isdisjoint(config.class_id_of_label)
 
 
 def engine_3d(config: Config) -> str:
@@ -108,8 +136,10 @@ def add_boxes2d(
         recorded = graph.add("read 2D boxes", RecordedBoxes(rig, config, on_bad=on_bad), graph.frame)
         return recorded, recorded, frozenset()
     model = config.detect2d.model
-    if model is None:
-        raise ModelError("2D detection by onnx needs a model: give --model-2d FILE.onnx or set detect2d.model")
+    if not isinstance(model, Path):
+        raise ModelError(
+            "2D detection by onnx needs a model: run lidcam fetch yolox-nano, or give --model-2d FILE.onnx"
+        )
     if str(model) in NETWORKS and not isfile(network_path(model)):  # noqa: PTH113  # Path.is_file may raise
         raise ModelError(f"{model}: is not on this machine yet: run lidcam fetch {model}")
     from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
@@ -122,10 +152,10 @@ def add_boxes2d(
 
 
 def _wanted_boxes(config: Config, rig: Rig) -> BoxSource:
-    """The source of 2D boxes by the settings; `auto`: the model if one is set, else recorded boxes, else none."""
+    """The source of 2D boxes by the settings; `auto`: the model if one is decided, else recorded boxes, else none."""
     if config.detect2d.method != "auto":
         return config.detect2d.method
-    if config.detect2d.model is not None:
+    if isinstance(config.detect2d.model, Path):
         return "onnx"
     return "recorded" if any(camera.boxes_topic for camera in rig.cameras) else "none"
 

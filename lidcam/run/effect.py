@@ -5,7 +5,7 @@ from hashlib import sha256
 from os.path import isfile
 from pathlib import Path
 
-from lidcam.networks.known import network_path
+from lidcam.networks.known import fetched_network, network_path
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import dump_config
@@ -39,9 +39,10 @@ def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
 
 
 def named_files(config: Config) -> dict[str, Path]:
-    """The existing files that settings name, by their names in the metadata of a result."""
+    """The existing files that settings name or may choose, by their names in the metadata of a result."""
     lidars = {"velodyne": config.velodyne, **{f"velodyne.{key}": one for key, one in config.velodyne.topics.items()}}
     model, detect3d = config.detect2d.model, config.detect3d
+    model = fetched_network() if model == "auto" else model
     model_3d = detect3d.model if detect3d.method in {"auto", "pillars", "combined"} else None
     named = {"network": model and network_path(model), "network.names": config.detect2d.names}
     named |= {"detect3d.model": model_3d and network_file(model_3d), "detect3d.weights": config.detect3d.weights}

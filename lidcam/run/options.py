@@ -41,7 +41,8 @@ class JobOptions(TypedDict, total=False):
         settings: Single settings by key, overriding the others.
         rig: Sensors, calibration and zones: a rig file, a preset (original), or a calibration file of KITTI, Kalibr or
             Autoware. Later files add and replace. Default: as recorded.
-        model_2d: 2D network: an ONNX file, or a name that `lidcam fetch` knows.
+        model_2d: 2D network: an ONNX file, or a name that `lidcam fetch` knows; none: without. Default: auto, a fetched
+            network if the recording has images without 2D boxes.
         model_3d: 3D network: an ONNX file, traffic (the default for full-size road users) or sandbox.
         start_s: Skip the first S seconds.
         duration_s: Process S seconds. Default: to the end.
@@ -60,7 +61,7 @@ class JobOptions(TypedDict, total=False):
     config: Annotated["Config | FilePath | None", CliOption(str, "--config", "PRESET|FILE")]
     settings: Annotated["Mapping[str, object] | Sequence[str]", CliOption(list[str], "--set", "A.B=C")]
     rig: Annotated["RigSource | None", CliOption(list[str], "--rig", "FILE")]
-    model_2d: Annotated["FilePath | None", CliOption(str, "--model-2d", "FILE.onnx|NAME")]
+    model_2d: Annotated["FilePath | None", CliOption(str, "--model-2d", "FILE.onnx|NAME|none")]
     model_3d: Annotated["FilePath | None", CliOption(str, "--model-3d", "FILE.onnx|NAME")]
     start_s: Annotated[float, CliOption(float, "--start", "S", 0)]
     duration_s: Annotated[float | None, CliOption(float, "--duration", "S", 0)]

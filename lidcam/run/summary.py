@@ -131,6 +131,7 @@ class SensorSummary:
     box_source: BoxSource  # Source of the 2D boxes
     box_source_3d: str  # Source of the lidars' 3D boxes: a name of `ENGINES`
     motion_topics: tuple[str, ...]  # Topics of the motion of the site frame; empty where it stands still
+    box_words: tuple[str, str]  # The source of the 2D boxes in words, and what to type for one: `boxes_2d_words`
 
     __repr__ = brief
 

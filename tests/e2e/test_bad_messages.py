@@ -32,7 +32,7 @@ def test_it_is_counted_or_ends_the_run(lidcam: Lidcam, tmp_path: Path, bad: str)
     inspected = lidcam("inspect", tmp_path / "a.bag")
     assert inspected.code == (3 if bad == "/tf_static" else 0)  # it decodes what it needs for the calibration only
     verdict = "cam (/cam/image_raw) is left out" if bad == "/tf_static" else "sound, and all of its sensors can be used"
-    assert inspected.out.splitlines()[1] == f"verdict: {verdict}"
+    assert f"verdict: {verdict}" in inspected.out.splitlines()
     run = lidcam("process", tmp_path / "a.bag", tmp_path / "other.mcap", "--on-bad-message", "fail")
     assert run.code == 1
     assert bad in run.error_line

@@ -40,11 +40,7 @@ MAX_LISTED = 10
 MAX_LOSSES = 20
 """Damaged parts in the table."""
 
-BOX_SOURCES = {
-    "onnx": "2D network",
-    "recorded": "as recorded",
-    "none": "none: lidar-only; recorded 2D boxes, or --model-2d FILE.onnx, enable the cameras",
-}
+BOX_SOURCES = {"onnx": "by a 2D network", "recorded": "as recorded", "none": "none: lidar-only"}
 GEOMETRY = {"lidar": "lidar only", "camera": "camera only", "both": "both", "predicted": "predicted by tracks"}
 NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
 
@@ -136,6 +132,7 @@ def print_report(out: Console, report: RunSummary, *, times: bool = False) -> No
     inputs, frames, drops, sensors, timing = report.inputs, report.frames, report.drops, report.sensors, report.timing
     zones = [zone.name for zone in sensors.rig.counted_zones]
     count = max(frames.count, 1)
+    _print_advice(out, sensors.box_words[1])
     if users := report.road_users:
         show_table(out, road_users_table(users, zones))
         out.print()
@@ -175,7 +172,7 @@ def print_report(out: Console, report: RunSummary, *, times: bool = False) -> No
         "sync skew": f"mean {frames.skew_mean_ms:.1f} ms, max {frames.skew_max_ms:.1f} ms",
         "motion": _motion(report),
         "3D boxes": _boxes3d(report),
-        "2D boxes": BOX_SOURCES[sensors.box_source],
+        "2D boxes": sensors.box_words[0],
         "confirmed": _confirmed(report),
         "geometry": ", ".join(f"{GEOMETRY[name]} {n}" for name, n in frames.sources.items()),
         **({"copied": copied} if copied else {}),
@@ -192,6 +189,12 @@ def print_report(out: Console, report: RunSummary, *, times: bool = False) -> No
         ]
         show_line(out, f"not used: {_listed(names)}")
     _print_warnings(out, report.warnings)
+
+
+def _print_advice(out: Console, advice: str) -> None:
+    if advice:
+        show_line(out, advice, "bold yellow")
+        out.print()
 
 
 def _print_counts(out: Console, what: str, counts: Mapping[str, int]) -> None:
@@ -248,6 +251,7 @@ def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", 
     """Print the contents of a recording: the verdict first; topics that would not be used in one line."""
     seconds = (inspection.end_ns - inspection.start_ns) / 1e9
     files = ", ".join(map(str, inspection.files))
+    _print_advice(out, inspection.box_words[1])
     show_line(out, f"{files}: {inspection.messages} messages, {seconds:.2f} s")
     if verdict:
         show_line(out, f"verdict: {verdict}", "bold")
@@ -270,7 +274,7 @@ def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", 
     _print_remarks(out, inspection.faults, inspection.notes)
     show_line(out, f"motion: {', '.join(inspection.motion_topics) or NO_MOTION}")
     show_line(out, f"3D boxes: {_source_of_boxes3d(inspection.box_source_3d, inspection.rig)}")
-    show_line(out, f"2D boxes: {BOX_SOURCES[inspection.box_source]}")
+    show_line(out, f"2D boxes: {inspection.box_words[0]}")
     show_line(out, f"settings: {inspection.settings}")
     _print_warnings(out, inspection.warnings)
 

@@ -1,7 +1,9 @@
 """Settings of detection in clouds and in images."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import BeforeValidator
 
 from lidcam.pipeline.core.settings.engines import ENGINES
 from lidcam.pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
@@ -115,9 +117,11 @@ class Detect2DConfig(SettingsModel):
 
     Attributes:
         method: `onnx` runs a network, `recorded` takes 2D boxes from the recording, `none` finds nothing. `auto` is
-            `onnx` if a model is given, else `recorded` if there are boxes, else `none`.
+            `onnx` if a model is given, else `recorded` if there are boxes, else `onnx` if `model` finds one, else
+            `none`.
         model: ONNX file, relative to the working folder, or the name of a network that `lidcam fetch` brought;
-            docs/networks.md lists the exports that are known.
+            docs/networks.md lists the exports that are known. `auto`: the most precise network that was fetched,
+            where the recording has images and no 2D boxes. `none`: no network.
         layout: Layout of the network's outputs. `auto`: recognised by their shapes. `yolox`; `yolov5` (also YOLOv6,
             YOLOv7); `yolov8` (also YOLO11); `end_to_end`: with suppression inside (also YOLOv10, YOLO26); `rtdetr`: of
             Ultralytics; `detr`: boxes and scores (RT-DETR, D-FINE, RF-DETR); `dfine`: labels, boxes and scores.
@@ -145,7 +149,7 @@ class Detect2DConfig(SettingsModel):
     """
 
     method: Literal["auto", "onnx", "recorded", "none"] = "auto"
-    model: Path | None = None
+    model: Annotated[Literal["auto"] | Path | None, BeforeValidator(lambda v: None if v == "none" else v)] = "auto"
     layout: Literal["auto"] | NetworkLayout = "auto"
     colors: Literal["auto"] | NetworkColors = "auto"
     names: str = ""

@@ -6,12 +6,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from http.client import HTTPMessage
 from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from urllib.error import URLError
 from urllib.request import Request
 
 import numpy as np
 import pytest
+from builders import write_rosbag1
 from command import Run, called
 from onnx_files import write_yolox
 from range_server import RangeServer, range_server
@@ -19,7 +21,9 @@ from range_server import RangeServer, range_server
 from lidcam.networks.fetch import _SafeRedirects
 from lidcam.networks.known import NETWORKS, network_path, networks_folder
 from lidcam.pipeline.core.errors import ModelError
+from lidcam.readers.open import open_recording
 from lidcam.readers.results.result import open_result
+from lidcam.readers.rig.sensor_topics import BOXES
 
 SANDBOX = Path(__file__).resolve().parents[3] / "bags" / "sandbox.bag"
 NAME = "yolox-nano"
@@ -76,6 +80,37 @@ def test_a_network_is_fetched_once_and_only_on_request(server: RangeServer, tmp_
     path.write_bytes(b"damaged")
     assert called(tmp_path, "fetch", NAME).code == 0
     assert path.read_bytes() == server.files["/elsewhere.onnx"]
+
+
+def test_what_was_fetched_is_used_where_no_boxes_are_recorded(server: RangeServer, tmp_path: Path) -> None:
+    with open_recording([SANDBOX]) as recording:
+        topics = [info.topic for info in recording.topics if info.msgtype not in BOXES]
+        write_rosbag1(tmp_path / "i.bag", islice(recording.messages(topics), 100))
+
+    def run(path: Path, *options: str) -> str:
+        done = called(tmp_path, "process", path, "o.mcap", "--config", "sandbox", "--duration", "0.2", *options)
+        assert done.code == 0, done.err
+        return done.out
+
+    advice = "The cameras are not used: no 2D network. Type `lidcam fetch yolox-nano`, then run this command again.\n"
+    assert run(tmp_path / "i.bag").startswith(advice)
+    assert called(tmp_path, "inspect", "i.bag").out.startswith(advice)
+    assert "The cameras" not in run(SANDBOX)
+    before = (tmp_path / "o.mcap").read_bytes()
+    path = network_path(Path(NAME))
+    path.parent.mkdir(parents=True)
+    path.write_bytes(server.files["/yolox_nano.onnx"])
+    assert "by the 2D network yolox-nano\n" in run(tmp_path / "i.bag")
+    with open_result(tmp_path / "o.mcap") as result:
+        assert result.config.detect2d.model == Path(NAME)
+        assert result.metadata["network.sha256"] == NETWORKS[NAME].sha256
+    sled = "classes=[{name: sled, size_m: [1, 1, 1], max_size_m: [2, 2, 2]}]"  # which COCO does not know
+    for options in (("--model-2d", "none"), ("--set", sled, "--set", "detect3d.method=cluster")):
+        said = run(tmp_path / "i.bag", *options)
+        assert "none: lidar-only" in said
+        assert "The cameras" not in said
+    run(SANDBOX)
+    assert (tmp_path / "o.mcap").read_bytes() == before
 
 
 CASES: dict[str, tuple[Callable[[RangeServer, bytes], object], str]] = {
