@@ -62,7 +62,8 @@ def fetched_network() -> Path | None:
     """The name of the most precise network that the user has fetched, by name and size of the files; None without."""
     for name, network in reversed(NETWORKS.items()):
         with suppress(ModelError, OSError):  # no home folder, or one that nobody may look into
-            if network_path(Path(name)).stat().st_size == network.size_bytes:
+            path = network_path(Path(name))
+            if path.stat().st_size == network.size_bytes and os.access(path, os.R_OK):
                 return Path(name)
     return None
 
