@@ -9,6 +9,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.pipeline.tracking.trackers import object_tracker
 from lidcam.run.box_sources import box_source
 from lidcam.run.build import build_graph, decided
-from lidcam.run.frames import RunInput, TimeWindow, bundles, expected_frames, sensor_clocks
+from lidcam.run.frames import RunInput, TimeWindow, bundles, sensor_clocks
 from lidcam.run.tally import DropTable
 
 STRETCH_FRAMES = 3
@@ -69,23 +70,24 @@ def _looked_at(source: RunInput) -> Iterator[FrameResult]:
     tracker = object_tracker(decided(config, source.rig), source.rig)
     if tracker is None:
         raise AssertionError("online tracks have a tracker")
-    for window in stretches(source):
-        stretch = replace(source, config=config, window=window, copied=(), drawn=())
-        with closing(
-            graph.run(result, bundles(stretch, drops, SyncStats(), sensor_clocks(source.rig, drops)))
-        ) as frames:
-            for frame in frames:
-                yield replace(frame, fused=tracker.add_frame(frame)[0])
-
-
-def stretches(source: RunInput) -> list[TimeWindow]:
-    """The parts of the recording that are looked at, evenly spread over it."""
     recording, window = source.recording, source.window
     start_ns = recording.start_ns if window.start_ns is None else window.start_ns
     stop_ns = recording.end_ns + 1 if window.stop_ns is None else min(window.stop_ns, recording.end_ns + 1)
-    frames = max(expected_frames(source), 1)
+    waiting, stamps_ns = [start_ns], list[int]()
+    while waiting:
+        stretch = replace(source, config=config, window=TimeWindow(waiting.pop(0), stop_ns), copied=(), drawn=())
+        found = bundles(stretch, drops, SyncStats(), sensor_clocks(source.rig, drops))
+        with closing(graph.run(result, islice(found, STRETCH_FRAMES))) as frames:
+            for frame in frames:
+                stamps_ns.append(frame.bundle.stamp_ns)
+                yield replace(frame, fused=tracker.add_frame(frame)[0])
+        if 1 < len(stamps_ns) <= STRETCH_FRAMES:  # the first stretch shows how far apart frames are
+            waiting = later_stretches(start_ns, stop_ns, (stamps_ns[-1] - stamps_ns[0]) / (len(stamps_ns) - 1))
+
+
+def later_stretches(start_ns: int, stop_ns: int, period_ns: float) -> list[int]:
+    """Log times at which stretches begin, evenly spread, after the first one, which begins at `start_ns`."""
+    frames = (stop_ns - start_ns) / max(period_ns, 1.0)
     count = int(np.clip(frames * MAX_SHARE / STRETCH_FRAMES, 1, MAX_STRETCHES))
-    length_ns = min(round((stop_ns - start_ns) / frames * (STRETCH_FRAMES + 0.5)), stop_ns - start_ns)
-    step_ns = (stop_ns - length_ns - start_ns) / max(count - 1, 1)
-    starts_ns = [start_ns + round(number * step_ns) for number in range(count)]
-    return [TimeWindow(begin_ns, begin_ns + length_ns) for begin_ns in starts_ns]
+    step_ns = (stop_ns - start_ns - (STRETCH_FRAMES + 0.5) * period_ns) / max(count - 1, 1)
+    return [start_ns + round(number * step_ns) for number in range(1, count)]

@@ -217,7 +217,9 @@ def _sizes(
     extents[:, 0] = np.fmax(extents[:, 0], np.minimum(end_distances_m, extents[:, 0] + sigmas_m[:, 0]))
     is_class = sightings.class_ids == class_ids[hits.tracks]
     weights = np.where(is_class, sightings.beliefs, 1e-9) * np.maximum(sightings.point_counts, 1)
-    of_sides = np.where(of_class.are_solid[hits.tracks, None], sightings.side_views / sigmas_m**2, 1.0)
+    of_sides = np.where(
+        of_class.are_solid[hits.tracks, None], sightings.side_views * (sightings.sizes[:, :2] / sigmas_m) ** 2, 1.0
+    )
     shares, groups = np.where(of_class.are_solid, SIZE_QUANTILE, 0.5), (hits.tracks, len(hits))
     found = [weighted_quantiles(extents[:, axis], weights * of_sides[:, axis], *groups, shares) for axis in (0, 1)]
     found.append(weighted_quantiles(extents[:, 2], weights, *groups, 0.5))

@@ -16,7 +16,7 @@ from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraFit, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.open import open_recording
-from lidcam.run.first_look import MAX_SHARE, STRETCH_FRAMES, corrected_by_recording, stretches
+from lidcam.run.first_look import STRETCH_FRAMES, corrected_by_recording, later_stretches
 from lidcam.run.frames import RunInput
 from lidcam.run.summary import camera_corrections
 
@@ -75,17 +75,14 @@ def test_nothing_is_looked_at_without_need(crossing: RunInput, setting: dict[str
         assert corrected_by_recording(replace(crossing, config=config)).rig is RIG
 
 
-@pytest.mark.parametrize("frames", [1, 2, 20, 200, 100_000])
-def test_stretches_are_a_share_of_the_recording(crossing: RunInput, frames: int) -> None:
-    recording = crossing.recording
-    with patch("lidcam.run.first_look.expected_frames", return_value=frames):
-        found = stretches(crossing)
-    spans = [(one.start_ns or 0, one.stop_ns or 0) for one in found]
-    assert spans[0][0] == recording.start_ns
-    assert spans[-1][1] == recording.end_ns + 1 or len(spans) == 1
-    assert all(first[1] < second[0] for first, second in pairwise(spans))
-    looked_at = sum(stop - start for start, stop in spans) / (recording.end_ns - recording.start_ns) * frames
-    assert looked_at <= max((STRETCH_FRAMES + 1) / STRETCH_FRAMES * MAX_SHARE * frames, STRETCH_FRAMES + 1)
+@pytest.mark.parametrize("frames", [1, 2, 17, 18, 200, 100_000])
+def test_stretches_are_a_share_of_the_recording(frames: int) -> None:
+    start_ns, period_ns = 1_700_000_000_000_000_003, 100_000_000
+    stop_ns = start_ns + frames * period_ns
+    starts_ns = [start_ns, *later_stretches(start_ns, stop_ns, period_ns)]
+    assert len(starts_ns) == max(1, min(frames // 9, 20))
+    assert all(second - first >= STRETCH_FRAMES * period_ns for first, second in pairwise(starts_ns))
+    assert len(starts_ns) == 1 or starts_ns[-1] + STRETCH_FRAMES * period_ns <= stop_ns
 
 
 def test_a_run_counts_each_message_once() -> None:
