@@ -72,7 +72,7 @@ MAX_LINES = {
     "pipeline/filters": (1070, 730),
     "pipeline/fusion": (2930, 1590),
     "pipeline/parallel": (950, 590),
-    "pipeline/stages": (3250, 3350),
+    "pipeline/stages": (3250, 3370),
     "pipeline/tracking": (2060, 820),
     "readers": (820, 510),
     "readers/files": (3320, 2030),

@@ -32,8 +32,11 @@ YAW_SIGMAS = np.linspace(-2.5, 2.5, 5)
 CAUCHY_SCALE = 3.0
 """Residual with half the weight, in standard deviations."""
 
-MIN_WEIGHT = 1e-6
-"""Minimum weight of an edge."""
+MIN_WEIGHT = 1e-60
+"""Minimum weight of an edge: near the plane of a camera, derivatives are large, and 1e-6 of them would decide."""
+
+MAX_SQUARED_RESIDUAL = 1e30
+"""Maximum squared residual, in units of `CAUCHY_SCALE`: beyond, likelihoods vanish."""
 
 BORDER_SIGMAS = 3.0
 """Distance of an edge from the border of the image within which it may be the border, in standard deviations."""
@@ -172,7 +175,7 @@ class _Problem(NamedTuple):
 
     def _weights(self, residual: F64) -> tuple[F64, F64]:
         """Weights of the edges with residuals (P, K, 4), and twice their negative log likelihoods."""
-        squared = (residual / CAUCHY_SCALE) ** 2
+        squared = np.minimum((residual / CAUCHY_SCALE) ** 2, MAX_SQUARED_RESIDUAL)
         cost = CAUCHY_SCALE**2 * np.log1p(squared)
         inward = residual * [1.0, 1.0, -1.0, -1.0] > 0
         # Against an edge that something hides, which may be anywhere within.

@@ -317,3 +317,22 @@ def test_only_long_boxes_of_unknown_heading_are_turned(length_m: float, deviatio
 def test_no_boxes() -> None:
     rig, hypotheses, seen, _ = made_up(9, count=0)
     assert len(fitted(rig, hypotheses, seen)) == 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_box_beside_a_camera_whose_edges_the_border_cuts(seed: int) -> None:
+    random, camera, count = np.random.default_rng(seed), forward_camera(), 60
+    size = np.column_stack([random.uniform(1, 12, count), random.uniform(0.5, 2.6, count), random.uniform(1, 3, count)])
+    yaw = random.uniform(-3, 3, count)
+    behind_m = (size[:, 0] * np.abs(np.cos(yaw)) + size[:, 1] * np.abs(np.sin(yaw))) / 2
+    ahead_m = behind_m + 10 ** random.uniform(-3, 0, count)
+    place = np.column_stack([ahead_m, random.uniform(-6, 6, count), random.uniform(-1, 1, count)])
+    boxes = boxes3d(np.column_stack([place, size, yaw]), deviations=(0.3, 0.3, 0.3))
+    shown = edges_in_view(boxes.centers, boxes.sizes, boxes.yaws, camera).xyxy.clip(0, [640, 480] * 2)
+    seen = {"cam": boxes2d(np.column_stack([shown, np.full((count, 2), [0.9, 0])]))}
+    pairs = np.column_stack([np.arange(count)] * 2).astype(np.int64)
+    nothing = np.zeros(count, np.float32)
+    matches = {"cam": Matches(pairs, nothing + 1, shown.astype(np.float32), nothing)}
+    found = fitted(camera_rig(camera), Hypotheses(boxes, matches, count), seen)
+    assert np.isfinite(found.centers).all()
+    assert np.isfinite(found.covariances).all()
