@@ -1,8 +1,8 @@
 """A typed stage graph, declared top to bottom; `lidcam.pipeline.parallel` shares its frames among processes.
 
-A stage is any callable. `Graph.add` returns a handle that carries the stage's output type, so the type checker finds
-wrong wiring. A stage can only read existing handles, so the graph has no cycles, and declaration order is execution
-order.
+A stage is any callable. `Graph.add_stage` returns a handle that carries the stage's output type, so the type checker
+finds wrong wiring. A stage can only read existing handles, so the graph has no cycles, and declaration order is
+execution order.
 """
 
 import time
@@ -83,32 +83,33 @@ class Graph(Generic[F]):
     # A line or two for each number of inputs.
     # fmt: off
     @overload
-    def add(self, name: str, fn: Callable[[A], R], a: Node[A], /, **how: Unpack[How]) -> Node[R]: ...
+    def add_stage(self, name: str, fn: Callable[[A], R], a: Node[A], /, **how: Unpack[How]) -> Node[R]: ...
     @overload
-    def add(self, name: str, fn: Callable[[A, B], R], a: Node[A], b: Node[B], /, **how: Unpack[How]) -> Node[R]: ...
+    def add_stage(self, name: str, fn: Callable[[A, B], R],
+            a: Node[A], b: Node[B], /, **how: Unpack[How]) -> Node[R]: ...
     @overload
-    def add(self, name: str, fn: Callable[[A, B, C], R],
+    def add_stage(self, name: str, fn: Callable[[A, B, C], R],
             a: Node[A], b: Node[B], c: Node[C], /, **how: Unpack[How]) -> Node[R]: ...
     @overload
-    def add(self, name: str, fn: Callable[[A, B, C, D], R],
+    def add_stage(self, name: str, fn: Callable[[A, B, C, D], R],
             a: Node[A], b: Node[B], c: Node[C], d: Node[D], /, **how: Unpack[How]) -> Node[R]: ...
     @overload
-    def add(self, name: str, fn: Callable[[A, B, C, D, E], R],
+    def add_stage(self, name: str, fn: Callable[[A, B, C, D, E], R],
             a: Node[A], b: Node[B], c: Node[C], d: Node[D], e: Node[E], /, **how: Unpack[How]) -> Node[R]: ...
     @overload
-    def add(self, name: str, fn: Callable[[A, B, C, D, E, G], R],
+    def add_stage(self, name: str, fn: Callable[[A, B, C, D, E, G], R],
             a: Node[A], b: Node[B], c: Node[C], d: Node[D], e: Node[E], g: Node[G],
             /, **how: Unpack[How]) -> Node[R]: ...
     @overload
-    def add(self, name: str, fn: Callable[[A, B, C, D, E, G, H], R],
+    def add_stage(self, name: str, fn: Callable[[A, B, C, D, E, G, H], R],
             a: Node[A], b: Node[B], c: Node[C], d: Node[D], e: Node[E], g: Node[G], h: Node[H],
             /, **how: Unpack[How]) -> Node[R]: ...
     @overload
-    def add(self, name: str, fn: Callable[[A, B, C, D, E, G, H, K], R],
+    def add_stage(self, name: str, fn: Callable[[A, B, C, D, E, G, H, K], R],
             a: Node[A], b: Node[B], c: Node[C], d: Node[D], e: Node[E], g: Node[G], h: Node[H], k: Node[K],
             /, **how: Unpack[How]) -> Node[R]: ...
     # fmt: on
-    def add(
+    def add_stage(
         self, name: str, fn: Callable[..., Any], /, *inputs: Node[Any], ordered: bool = False, timed: bool = True
     ) -> Node[Any]:
         """Append a stage that reads `inputs`, and return the handle of its output.

@@ -112,13 +112,13 @@ def add_boxes3d(
     )  # behind the imports of programs that detect nothing
 
     if config.detect3d.method != "recorded":
-        nothing = graph.add("no recorded 3D boxes", _no_boxes3d, graph.frame, timed=False)
+        nothing = graph.add_stage("no recorded 3D boxes", _no_boxes3d, graph.frame, timed=False)
         detect = Detect3D(rig, config, has_2d_boxes=box_source(config, rig) != "none")
-        return nothing, graph.add("detect 3D", detect, combined)
+        return nothing, graph.add_stage("detect 3D", detect, combined)
     from lidcam.readers.streams.recorded3d import RecordedBoxes3D
 
-    recorded = graph.add("read 3D boxes", RecordedBoxes3D(rig, config, on_bad=on_bad), graph.frame)
-    return recorded, graph.add("join 3D boxes", Recorded3D(rig), graph.frame, recorded)
+    recorded = graph.add_stage("read 3D boxes", RecordedBoxes3D(rig, config, on_bad=on_bad), graph.frame)
+    return recorded, graph.add_stage("join 3D boxes", Recorded3D(rig), graph.frame, recorded)
 
 
 def add_boxes2d(
@@ -131,10 +131,10 @@ def add_boxes2d(
     """
     source = _wanted_boxes(config, rig)
     if source == "none":
-        nothing = graph.add("no 2D boxes", _no_boxes2d, graph.frame, timed=False)
+        nothing = graph.add_stage("no 2D boxes", _no_boxes2d, graph.frame, timed=False)
         return nothing, nothing, frozenset()
     if source == "recorded":
-        recorded = graph.add("read 2D boxes", RecordedBoxes(rig, config, on_bad=on_bad), graph.frame)
+        recorded = graph.add_stage("read 2D boxes", RecordedBoxes(rig, config, on_bad=on_bad), graph.frame)
         return recorded, recorded, frozenset()
     model = config.detect2d.model
     if not isinstance(model, Path):
@@ -146,10 +146,10 @@ def add_boxes2d(
     from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
     from lidcam.pipeline.stages.detect2d import Detect2D
 
-    images = graph.add("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
+    images = graph.add_stage("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
     detector = OnnxDetector2D(network_path(model), config.detect2d)
     detect2d = Detect2D(rig, config.class_id_of_label, config.detect2d, detector)
-    return images, graph.add("detect 2D", detect2d, images), detect2d.riders
+    return images, graph.add_stage("detect 2D", detect2d, images), detect2d.riders
 
 
 def _wanted_boxes(config: Config, rig: Rig) -> BoxSource:

@@ -44,28 +44,32 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     """
     graph, config = Graph(SensorBundle), decided(config, rig)
     # Detections of each sensor.
-    clouds = graph.add("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
-    combined = graph.add("combine", Combine(rig, config.combine), graph.frame, clouds)
+    clouds = graph.add_stage("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
+    combined = graph.add_stage("combine", Combine(rig, config.combine), graph.frame, clouds)
     recorded3d, lidar = add_boxes3d(graph, config, rig, combined, on_bad=on_bad)
     camera_data, boxes2d, riders = add_boxes2d(graph, config, rig, on_bad=on_bad)
-    views = graph.add("views", Views(rig, config.combine.motion), graph.frame)
+    views = graph.add_stage("views", Views(rig, config.combine.motion), graph.frame)
     place = Place(rig, config.fuse, config.classes, ground_distance_m=config.combine.ground.distance_m)
-    placed = graph.add("place", place, combined, boxes2d, views)
+    placed = graph.add_stage("place", place, combined, boxes2d, views)
     # Hypotheses.
     associate = Associate(rig, config.classes)
-    matches = graph.add("associate", associate, lidar, boxes2d, views)
+    matches = graph.add_stage("associate", associate, lidar, boxes2d, views)
     fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
     propose = Propose(rig, fitter, config.detect3d.cluster, config.classes)
-    proposed = graph.add("propose", propose, combined, lidar, matches, placed)
-    hypotheses = graph.add("associate all", partial(_hypotheses, associate), lidar, matches, proposed, boxes2d, views)
+    proposed = graph.add_stage("propose", propose, combined, lidar, matches, placed)
+    hypotheses = graph.add_stage(
+        "associate all", partial(_hypotheses, associate), lidar, matches, proposed, boxes2d, views
+    )
     # Class, position and existence.
     tells_class = config.detect3d.scores_are_probabilities
     classify = Classify(config.classes, riders, scores_are_probabilities=tells_class)
-    hypotheses = graph.add("classify", classify, hypotheses, boxes2d)
-    hypotheses = graph.add("reshape", Reshape(fitter, config.detect3d, config.classes), combined, hypotheses, lidar)
-    hypotheses = graph.add("refine", Refine(rig, config.fuse), hypotheses, boxes2d, views)
+    hypotheses = graph.add_stage("classify", classify, hypotheses, boxes2d)
+    hypotheses = graph.add_stage(
+        "reshape", Reshape(fitter, config.detect3d, config.classes), combined, hypotheses, lidar
+    )
+    hypotheses = graph.add_stage("refine", Refine(rig, config.fuse), hypotheses, boxes2d, views)
     look = partial(find_visibility, agreement=class_agreement(config.classes, riders))
-    visibility = graph.add("visibility", look, hypotheses, boxes2d, views, combined)
+    visibility = graph.add_stage("visibility", look, hypotheses, boxes2d, views, combined)
     believe = Believe(
         rig,
         config.fuse,
@@ -74,16 +78,18 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
         scores_are_probabilities=tells_class,
         has_network=config.detect3d.has_network,
     )
-    beliefs = graph.add("believe", believe, hypotheses, visibility, graph.frame, ordered=True)
-    fused = graph.add("fuse", Fuse(config.fuse, class_count=len(config.classes)), hypotheses, beliefs)
-    fused = graph.add("zones", partial(select_by_zones, zones=rig.zones), fused)
-    detections = graph.add("detections", _detections, lidar, boxes2d, placed, timed=False)
-    unused = graph.add("unused", _Unused.of, clouds, recorded3d, camera_data, timed=False)
+    beliefs = graph.add_stage("believe", believe, hypotheses, visibility, graph.frame, ordered=True)
+    fused = graph.add_stage("fuse", Fuse(config.fuse, class_count=len(config.classes)), hypotheses, beliefs)
+    fused = graph.add_stage("zones", partial(select_by_zones, zones=rig.zones), fused)
+    detections = graph.add_stage("detections", _detections, lidar, boxes2d, placed, timed=False)
+    unused = graph.add_stage("unused", _Unused.of, clouds, recorded3d, camera_data, timed=False)
     inputs = combined, detections, views, hypotheses, beliefs, fused, unused
-    result = graph.add("collect", _collect, graph.frame, *inputs, timed=False)
+    result = graph.add_stage("collect", _collect, graph.frame, *inputs, timed=False)
     if config.track.mode != "none" and config.track.odometry == "auto" and rig.lidars:
-        result = graph.add("odometry", partial(_with_odometry, FindOdometry(), rig.site_frame), result, ordered=True)
-    return graph, graph.add("ends", _with_end_points, result) if config.track.mode == "offline" else result
+        result = graph.add_stage(
+            "odometry", partial(_with_odometry, FindOdometry(), rig.site_frame), result, ordered=True
+        )
+    return graph, graph.add_stage("ends", _with_end_points, result) if config.track.mode == "offline" else result
 
 
 def decided(config: Config, rig: Rig) -> Config:

@@ -34,10 +34,10 @@ def plus(a: int, b: int) -> int:
 
 def diamond() -> tuple[Graph[Frame], Node[int]]:
     graph = Graph(Frame)
-    start = graph.add("start", add_one, graph.frame)
-    left = graph.add("left", double, start)
-    right = graph.add("right", double, left)
-    return graph, graph.add("join", plus, left, right)
+    start = graph.add_stage("start", add_one, graph.frame)
+    left = graph.add_stage("left", double, start)
+    right = graph.add_stage("right", double, left)
+    return graph, graph.add_stage("join", plus, left, right)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 17])
@@ -58,13 +58,13 @@ def names(nodes: tuple[Node[object], ...]) -> list[str]:
 
 def test_what_reads_an_ordered_stage_is_in_order_too() -> None:
     graph = Graph(Frame)
-    start = graph.add("start", add_one, graph.frame)
-    inner = graph.add("inner", double, start)
-    graph.add("nobody reads it", double, start)
-    memory = graph.add("memory", plus, inner, start, ordered=True)
-    behind = graph.add("behind", double, memory)
-    aside = graph.add("aside", double, inner)
-    sink = graph.add("sink", plus, behind, aside)
+    start = graph.add_stage("start", add_one, graph.frame)
+    inner = graph.add_stage("inner", double, start)
+    graph.add_stage("nobody reads it", double, start)
+    memory = graph.add_stage("memory", plus, inner, start, ordered=True)
+    behind = graph.add_stage("behind", double, memory)
+    aside = graph.add_stage("aside", double, inner)
+    sink = graph.add_stage("sink", plus, behind, aside)
     free, handed, ordered = graph.parts(sink)
     assert names(free) == ["start", "inner", "nobody reads it", "aside"]
     assert names(handed) == ["start", "inner", "aside"]
@@ -85,7 +85,7 @@ def test_failing_stage_yields_earlier_frames_then_names_itself() -> None:
             raise Boom
         return frame.index
 
-    sink = graph.add("after", double, graph.add("boom", fail_at_7, graph.frame))
+    sink = graph.add_stage("after", double, graph.add_stage("boom", fail_at_7, graph.frame))
     results = graph.run(sink, frames(20))
     assert [next(results) for _ in range(7)] == [0, 2, 4, 6, 8, 10, 12]
     with pytest.raises(Boom) as caught:
@@ -112,7 +112,7 @@ def test_failing_source_yields_what_was_read() -> None:
         yield from frames(5)
         raise Boom
 
-    sink = graph.add("index", lambda f: f.index, graph.frame)
+    sink = graph.add_stage("index", lambda f: f.index, graph.frame)
     results = graph.run(sink, source())
     assert [next(results) for _ in range(5)] == [0, 1, 2, 3, 4]
     with pytest.raises(Boom):
@@ -122,30 +122,30 @@ def test_failing_source_yields_what_was_read() -> None:
 def test_type_checker_sees_a_wrong_wiring() -> None:
     """mypy reports an ignored error that is none any more."""
     graph = Graph(Frame)
-    number = graph.add("number", add_one, graph.frame)
-    text = graph.add("text", str, number)
-    graph.add("too few", plus, number)  # type: ignore[arg-type]
-    graph.add("too many", double, number, number)  # type: ignore[arg-type]
-    graph.add("wrong input", double, text)  # type: ignore[arg-type]
-    wrong: Node[str] = graph.add("wrong output", double, number)  # type: ignore[arg-type]
+    number = graph.add_stage("number", add_one, graph.frame)
+    text = graph.add_stage("text", str, number)
+    graph.add_stage("too few", plus, number)  # type: ignore[arg-type]
+    graph.add_stage("too many", double, number, number)  # type: ignore[arg-type]
+    graph.add_stage("wrong input", double, text)  # type: ignore[arg-type]
+    wrong: Node[str] = graph.add_stage("wrong output", double, number)  # type: ignore[arg-type]
     assert wrong.name == "wrong output"
 
 
 def test_wrong_wiring_is_refused() -> None:
     graph, other = Graph(Frame), Graph(Frame)
-    foreign = other.add("foreign", add_one, other.frame)
-    graph.add("start", add_one, graph.frame)
+    foreign = other.add_stage("foreign", add_one, other.frame)
+    graph.add_stage("start", add_one, graph.frame)
     with pytest.raises(ValueError, match="does not belong to this graph"):
-        graph.add("next", double, foreign)
+        graph.add_stage("next", double, foreign)
     with pytest.raises(ValueError, match="the name is taken"):
-        graph.add("start", add_one, graph.frame)
+        graph.add_stage("start", add_one, graph.frame)
 
 
 def test_time_is_counted_by_stage_but_for_what_only_puts_together(monkeypatch: pytest.MonkeyPatch) -> None:
     seconds = iter(range(100))
     monkeypatch.setattr("lidcam.pipeline.graph.time.perf_counter", lambda: next(seconds))
     graph = Graph(Frame)
-    first = graph.add("work", add_one, graph.frame)
-    last = graph.add("join", plus, first, first, timed=False)
+    first = graph.add_stage("work", add_one, graph.frame)
+    last = graph.add_stage("join", plus, first, first, timed=False)
     assert [*graph.run(last, frames(3))] == [2, 4, 6]
     assert graph.seconds == {"work": 3.0}

@@ -98,10 +98,10 @@ def make_graph(deed: str = "", first: int = 0) -> tuple[Graph[Frame], Node[Seen]
     def collect(frame: Frame, worked: tuple[int, npt.NDArray[np.float32]], total: int, _: object) -> Seen:
         return Seen(frame.index, *worked, total)
 
-    worked = graph.add("work", work, graph.frame)
-    done = graph.add("do", do, graph.frame)
-    remembered = graph.add("remember", remember, graph.frame, ordered=True)
-    return graph, graph.add("collect", collect, graph.frame, worked, remembered, done)
+    worked = graph.add_stage("work", work, graph.frame)
+    done = graph.add_stage("do", do, graph.frame)
+    remembered = graph.add_stage("remember", remember, graph.frame, ordered=True)
+    return graph, graph.add_stage("collect", collect, graph.frame, worked, remembered, done)
 
 
 def make_nothing() -> tuple[Graph[Frame], Node[Seen]]:
@@ -112,7 +112,7 @@ def make_nothing() -> tuple[Graph[Frame], Node[Seen]]:
 def make_random(stages: tuple[tuple[int, int, bool], ...]) -> tuple[Graph[Frame], Node[int]]:
     """Each stage mixes two of those before it; an ordered one adds what it has mixed so far."""
     graph = Graph(Frame)
-    nodes: list[Node[int]] = [graph.add("first", lambda frame: frame.index + 1, graph.frame)]
+    nodes: list[Node[int]] = [graph.add_stage("first", lambda frame: frame.index + 1, graph.frame)]
 
     def plain(a: int, b: int) -> int:
         return (3 * a - b) % 1_000_003
@@ -129,5 +129,5 @@ def make_random(stages: tuple[tuple[int, int, bool], ...]) -> tuple[Graph[Frame]
 
     for number, (a, b, ordered) in enumerate(stages):
         fn = remembering() if ordered else plain
-        nodes.append(graph.add(f"s{number}", fn, nodes[a % len(nodes)], nodes[b % len(nodes)], ordered=ordered))
+        nodes.append(graph.add_stage(f"s{number}", fn, nodes[a % len(nodes)], nodes[b % len(nodes)], ordered=ordered))
     return graph, nodes[-1]
