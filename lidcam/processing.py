@@ -233,11 +233,11 @@ class Run:
                 for writer in writers:
                     with graph.stage(f"write {writer.name}", frame.bundle):
                         frame = _written(frame, writer)
-                self._tally.add(frame)
+                self._tally.add_frame(frame)
                 for check in self._checks:
-                    check.add(frame)
+                    check.add_frame(frame)
                 for drop in frame.drops:
-                    self._drops.add_bad(drop)
+                    self._drops.count_bad(drop)
                 bundle, objects = frame.bundle, len(frame.fused.objects)
                 facts = bundle.index, bundle.stamp_ns, len(bundle.messages), objects
                 logger.debug("frame %d, %d ns: %d topics, %d objects", *facts)
@@ -343,7 +343,7 @@ class Run:
         for drop, count in self.found.transforms.drops:
             if drop.topic not in motion_topics:
                 for _ in range(count):
-                    self._drops.add_bad(drop)
+                    self._drops.count_bad(drop)
 
 
 def _share(recording: Recording, log_time_ns: int) -> float:

@@ -26,7 +26,7 @@ class DoubtedCheck:
         self._names, self._min_score, self._has_2d_boxes = config.class_names, config.fuse.min_score, has_2d_boxes
         self._doubted, self._reported = np.zeros((2, len(self._names)), np.int64)
 
-    def add(self, frame: FrameResult) -> None:
+    def add_frame(self, frame: FrameResult) -> None:
         """Add one frame; boxes that a track reports in spite of their probability count as reported."""
         class_ids, count = frame.hypotheses.boxes.class_ids, len(self._names)
         doubted = (frame.beliefs >= MIN_LIKELY) & (frame.beliefs < self._min_score)

@@ -36,7 +36,7 @@ class FileCheck:
         self._last: dict[str, int] = {}
         self._overlaps: dict[tuple[int, int], None] = {}
 
-    def add(self, frame: FrameResult) -> None:
+    def add_frame(self, frame: FrameResult) -> None:
         """Add one frame."""
         for topic, message in frame.bundle.messages.items():
             file = message.order[0]

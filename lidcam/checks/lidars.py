@@ -23,7 +23,7 @@ class LidarCheck:
         # by lidar: number of messages without points, and the first and last frame of them
         self._empty: dict[str, tuple[int, int, int]] = {}
 
-    def add(self, frame: FrameResult) -> None:
+    def add_frame(self, frame: FrameResult) -> None:
         """Add one frame."""
         bad = {drop.topic for drop in frame.drops if not drop.parts}
         for topic in frame.bundle.messages:

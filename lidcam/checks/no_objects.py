@@ -21,7 +21,7 @@ class ObjectCheck:
         self._best: tuple[float, ...] = ()
         self._any = False
 
-    def add(self, frame: FrameResult) -> None:
+    def add_frame(self, frame: FrameResult) -> None:
         """Add one frame."""
         self._any = self._any or len(frame.fused.objects) > 0
         if self._any:

@@ -81,7 +81,7 @@ def sensor_clocks(rig: Rig, drops: DropTable) -> Clocks:
     sensors += [(topic, camera) for camera in rig.cameras for topic in (camera.topic, camera.boxes_topic)]
     offsets_ns = {detector.topic: 0 for detector in rig.detectors}
     offsets_ns |= {topic: sensor.time_offset_ns for topic, sensor in sensors}
-    return Clocks(offsets_ns, on_drop=drops.add_defect, on_bad=drops.add_bad)
+    return Clocks(offsets_ns, on_drop=drops.count_defect, on_bad=drops.count_bad)
 
 
 def bundles(source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks) -> Iterator[SensorBundle]:
@@ -102,7 +102,7 @@ def bundles(source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks
     if not source.copied:
         yield from _bundles(source, drops, stats, clocks, messages)
         return
-    hooks = {"on_drop": drops.add, "on_bad": drops.add_bad}
+    hooks = {"on_drop": drops.count_drop, "on_bad": drops.count_bad}
     copied = CopiedMessages(source.copied, config.classes, drawn=source.drawn, limits=config.limits, **hooks)
     if window.start_ns is not None:
         copied.read_ahead(recording, window.start_ns)
@@ -114,7 +114,7 @@ def _bundles(
     source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks, messages: Iterable[RawMessage]
 ) -> Iterator[SensorBundle]:
     config, recording, window = source.config, source.recording, source.window
-    motion = MotionBuffer(source.motion, limits=config.limits, on_drop=drops.add_bad)
+    motion = MotionBuffer(source.motion, limits=config.limits, on_drop=drops.count_bad)
     topics = synchronized_topics(config, source.rig)
     video = VideoStreams(video_topics(recording, topics), limits=config.limits)
     synchronized = partial(
@@ -123,7 +123,7 @@ def _bundles(
         config=config.sync,
         reference=reference_topic(config, source.rig),
         required=required_topics(config, source.rig),
-        on_drop=drops.add,
+        on_drop=drops.count_drop,
         stats=stats,
         max_waiting_bytes=config.limits.max_waiting_bytes,
     )
@@ -134,9 +134,9 @@ def _bundles(
     numbers = itertools.count()
     for part in clocks.parts(video.decoded(messages)):
         found = _every(synchronized(motion.tap(part)), config.sync.every, numbers, drops)
-        found = video.without_blanks(found, on_drop=drops.add, on_bad=drops.add_bad)
+        found = video.without_blanks(found, on_drop=drops.count_drop, on_bad=drops.count_bad)
         yield from found if source.motion is None else _with_motion(found, motion)
-        motion = MotionBuffer(source.motion, limits=config.limits, on_drop=drops.add_bad)
+        motion = MotionBuffer(source.motion, limits=config.limits, on_drop=drops.count_bad)
 
 
 def _every(
@@ -149,7 +149,7 @@ def _every(
             yield replace(bundle, index=number // every)
         else:
             for message in bundle.messages.values():
-                drops.add(Drop(message.topic, message.stamp_ns, NOT_EVERY))
+                drops.count_drop(Drop(message.topic, message.stamp_ns, NOT_EVERY))
 
 
 def synchronized_topics(config: Config, rig: Rig) -> tuple[str, ...]:

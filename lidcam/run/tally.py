@@ -28,7 +28,7 @@ class DropTable:
         self.total = 0
         self._counts: dict[tuple[str, str], DropCount] = {}
 
-    def add(self, drop: Drop, *, is_defect: bool = False) -> None:
+    def count_drop(self, drop: Drop, *, is_defect: bool = False) -> None:
         """Count a message, or parts of one; the first detail of its kind is kept as the example."""
         key, count = (drop.topic, drop.reason), drop.parts or 1
         self.total += count
@@ -41,11 +41,11 @@ class DropTable:
             known.is_defect or is_defect,
         )
 
-    def add_defect(self, drop: Drop) -> None:
+    def count_defect(self, drop: Drop) -> None:
         """Count a message that is at fault itself."""
-        self.add(drop, is_defect=True)
+        self.count_drop(drop, is_defect=True)
 
-    def add_bad(self, drop: Drop) -> None:
+    def count_bad(self, drop: Drop) -> None:
         """Count a message that cannot be decoded.
 
         Raises:
@@ -53,7 +53,7 @@ class DropTable:
         """
         if self.on_bad == "fail":
             raise MessageError(drop.detail or f"{drop.topic}: {drop.reason}")
-        self.add_defect(drop)
+        self.count_defect(drop)
 
     @property
     def rows(self) -> tuple[DropCount, ...]:
@@ -108,11 +108,11 @@ class Tally:
         self.objects_left_out: Counter[str] = Counter()
         self.road_users = RoadUserTally(config, rig)
 
-    def add(self, frame: FrameResult) -> None:
+    def add_frame(self, frame: FrameResult) -> None:
         """Count one frame."""
         objects = frame.fused.objects
         self.frames += 1
-        self.road_users.add(frame)
+        self.road_users.add_frame(frame)
         self.compensated += bool(frame.combined.compensated)
         self.odometry += frame.odometry is not None
         self.odometry_predicted += frame.odometry is not None and frame.odometry.is_predicted

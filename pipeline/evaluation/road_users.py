@@ -91,7 +91,7 @@ class RoadUserTally:
         none = np.zeros(0, np.int64)
         self._before = 0, none, none  # stamp of the last frame, rows of its tracks, and their places
 
-    def add(self, frame: FrameResult) -> None:
+    def add_frame(self, frame: FrameResult) -> None:
         """Count one frame; frames come in order."""
         objects, tracks = frame.fused.objects, frame.fused.tracks
         if tracks is not None:

@@ -19,7 +19,7 @@ class CalibrationCheck:
 
         self._first_clouds, self._rig_check = FirstClouds(rig, config), RigCheck(rig, config)
 
-    def add(self, frame: FrameResult) -> None:
+    def add_frame(self, frame: FrameResult) -> None:
         """Add one frame."""
         self._first_clouds.add_messages(frame.bundle.messages.values())
         self._rig_check.add_frame(frame)

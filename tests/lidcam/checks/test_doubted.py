@@ -26,7 +26,7 @@ def seen(class_ids: list[int], beliefs: list[float], reported: list[int]) -> Fra
 def told(frames: list[FrameResult], *, has_2d_boxes: bool = False) -> list[str]:
     check = DoubtedCheck(CONFIG, has_2d_boxes=has_2d_boxes)
     for one in frames:
-        check.add(one)
+        check.add_frame(one)
     return [str(warning) for warning in check.warnings]
 
 

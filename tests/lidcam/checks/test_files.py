@@ -27,7 +27,7 @@ def recorded(log_time_ns: int, files: dict[str, int]) -> FrameResult:
 def named(files: Sequence[dict[str, int]]) -> list[str]:
     check = FileCheck(PATHS)
     for index, by_topic in enumerate(files):
-        check.add(recorded(index * TENTH_NS, by_topic))
+        check.add_frame(recorded(index * TENTH_NS, by_topic))
     return [warning.finding.split(" hold ")[0] for warning in check.warnings]
 
 

@@ -36,14 +36,14 @@ def without_messages(result: FrameResult, topic: str) -> FrameResult:
 def test_lidars_without_a_point_are_named(frames: list[FrameResult], subjects: list[str]) -> None:
     check = LidarCheck(RIG)
     for result in frames:
-        check.add(result)
+        check.add_frame(result)
     assert [warning.subject for warning in check.warnings] == subjects
 
 
 def test_messages_that_cannot_be_decoded_are_not_called_empty() -> None:
     check, result = LidarCheck(RIG), measured({"lidar1": 5})
     bad = result.bundle.messages["/lidar2"]
-    check.add(replace(result, drops=(Drop("/lidar2", bad.stamp_ns, "cannot be decoded"),)))
+    check.add_frame(replace(result, drops=(Drop("/lidar2", bad.stamp_ns, "cannot be decoded"),)))
     assert [str(warning) for warning in check.warnings] == [
         "lidar2: none of its 1 messages can be decoded; see the reason in the table of messages"
     ]
@@ -61,6 +61,6 @@ def test_a_lidar_that_is_empty_for_a_time_is_named(points: list[int], text: str 
     check = LidarCheck(RIG)
     for index, count in enumerate(points):
         result = measured({"lidar1": 5, "lidar2": count})
-        check.add(replace(result, bundle=replace(result.bundle, index=index)))
+        check.add_frame(replace(result, bundle=replace(result.bundle, index=index)))
     remedy = "the lidar may be covered, or its motor may stand still; else see combine.min_range_m and max_range_m"
     assert [str(warning) for warning in check.warnings] == ([f"lidar2: {text}; {remedy}"] if text else [])

@@ -64,7 +64,7 @@ def warnings_of(
 ) -> tuple[RunWarning, ...]:
     check = ObjectCheck(MemoryRecording([]), rig, config, used, moves=False)
     for one in frames:
-        check.add(one)
+        check.add_frame(one)
     return check.warnings
 
 

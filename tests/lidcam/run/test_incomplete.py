@@ -62,10 +62,10 @@ def test_a_report_says_what_is_missing() -> None:
 
 def test_drops_tell_defects_from_messages_that_were_not_needed() -> None:
     table = DropTable()
-    table.add(Drop("/a", 1, "too late"))
-    table.add_defect(Drop("/a", 2, "its stamp is 0"))
-    table.add_bad(Drop("/a", 3, "cannot be decoded"))
+    table.count_drop(Drop("/a", 1, "too late"))
+    table.count_defect(Drop("/a", 2, "its stamp is 0"))
+    table.count_bad(Drop("/a", 3, "cannot be decoded"))
     defects = {row.reason: row.is_defect for row in table.rows}
     assert defects == {"cannot be decoded": True, "its stamp is 0": True, "too late": False}
     with pytest.raises(MessageError, match="/a: cannot be decoded"):
-        DropTable("fail").add_bad(Drop("/a", 3, "cannot be decoded"))
+        DropTable("fail").count_bad(Drop("/a", 3, "cannot be decoded"))

@@ -26,7 +26,7 @@ UNKNOWN = len(CONFIG.class_names)
 def users_of(frames: Iterable[tuple[Seen, ...]], rig: Rig = ZONED) -> RoadUsers:
     tally = RoadUserTally(CONFIG, rig)
     for index, seen in enumerate(frames):
-        tally.add(tracked_frame(index, *seen))
+        tally.add_frame(tracked_frame(index, *seen))
     assert tally.road_users is not None
     return tally.road_users
 
@@ -34,15 +34,15 @@ def users_of(frames: Iterable[tuple[Seen, ...]], rig: Rig = ZONED) -> RoadUsers:
 def test_without_tracks_there_is_no_telling() -> None:
     tally = RoadUserTally(CONFIG, ZONED)
     assert tally.road_users is None
-    tally.add(tracked_frame(0, Seen(0, 0, NORTH), is_tracked=False))
+    tally.add_frame(tracked_frame(0, Seen(0, 0, NORTH), is_tracked=False))
     assert tally.road_users is None
-    tally.add(tracked_frame(1))
+    tally.add_frame(tracked_frame(1))
     assert tally.road_users == RoadUsers((), ())
 
 
 def test_a_run_counts_them_with_all_else() -> None:
     tally = Tally(CONFIG, ZONED)
-    tally.add(tracked_frame(0, Seen(1, 0, NORTH, 3.0), Seen(0, 0, NORTH)))
+    tally.add_frame(tracked_frame(0, Seen(1, 0, NORTH, 3.0), Seen(0, 0, NORTH)))
     assert tally.objects == {("car", "north"): 2}
     users = tally.road_users.road_users
     assert users is not None
@@ -86,7 +86,7 @@ def test_a_plain_count_agrees(frames: list[tuple[Seen, ...]]) -> None:
             went[name, zones[0], zones[-1]] += 1
     tally = RoadUserTally(CONFIG, ZONED)
     for index, seen in enumerate(frames):
-        tally.add(tracked_frame(index, *seen))
+        tally.add_frame(tracked_frame(index, *seen))
     users = tally.road_users or RoadUsers((), ())
     places = {"north": NORTH, "south": SOUTH, "outside": OUTSIDE, "": None}
     found = {(count.class_name, places[count.zone]): count for count in users.counts}
@@ -105,7 +105,7 @@ def test_how_long_each_stays_where() -> None:
     for index, seen in enumerate(
         [(Seen(1, 0, NORTH, 4.0),), (Seen(1, 0, NORTH, 2.0), Seen(7, 1, SOUTH)), (Seen(1, 0, OUTSIDE),), ()]
     ):
-        tally.add(tracked_frame(index, *seen))
+        tally.add_frame(tracked_frame(index, *seen))
     table, step_s = tally.table, 0.1
     assert table.places == ("outside", "north", "south")
     assert tally.numbers == (1, 7)

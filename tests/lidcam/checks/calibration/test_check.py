@@ -64,5 +64,5 @@ def test_a_lidar_that_begins_late_is_looked_at_too() -> None:
         lidars = [*others, late] if index >= 3 else others
         messages = {lidar.topic: ground_message(lidar, stamp_ns=10**9 + index) for lidar in lidars}
         whole = frame(index)
-        check.add(replace(whole, bundle=replace(whole.bundle, messages=messages)))
+        check.add_frame(replace(whole, bundle=replace(whole.bundle, messages=messages)))
     assert [warning.subject for warning in check.warnings] == ["late"]
