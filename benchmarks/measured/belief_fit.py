@@ -290,7 +290,7 @@ def labels(run: Weighed, found: tuple[list[F64], list[F64]]) -> tuple[F64, F64]:
     gathering = Gathering(run.config, ())
     for index, (frame, together, alone) in enumerate(zip(run.frames, *found, strict=True)):
         sources = {"fused": _source(frame.boxes, together), "lidar": _source(frame.alone, alone)}
-        gathering.add(EvaluationFrame(index, index, frame.truth, sources))
+        gathering.add_frame(EvaluationFrame(index, index, frame.truth, sources))
     row = Criteria.of(run.config).position_column
     tables = gathering.found()
     matches = [tables[name].matches[:, row] for name in ("fused", "lidar")]

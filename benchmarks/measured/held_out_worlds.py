@@ -61,7 +61,7 @@ def main() -> None:
                 for kind, min_score in MIN_SCORES.items():
                     kept = boxes.select(boxes.scores >= min_score)
                     sources[f"{name} {kind}"] = SourceBoxes(kept, np.full(len(kept), UNKNOWN, np.int64))
-            evaluation.add(EvaluationFrame(row, 0, truth, sources))
+            evaluation.add_frame(EvaluationFrame(row, 0, truth, sources))
     _print_table(evaluation.figures()["sources"], list(detectors))
 
 

@@ -110,7 +110,7 @@ def compare(
         with open_result(first) as one, open_result(second) as other, ExitStack() as stack:
             comparison = _comparison(one, other, config, only or (), allow or ())
             for pair in _pairs(one, other, config, stack):
-                comparison.add(pair)
+                comparison.add_pair(pair)
             comparison.close()
             losses = *one.recording.losses, *other.recording.losses
             notes = [*_recordings_note(one, other), *one.notes, *other.notes]

@@ -75,7 +75,7 @@ def within_labels(job: EvaluationJob) -> EvaluationJob:
             return job
         result.sources, result.cameras = ("lidar",), ()  # nothing else is looked at
         search = LabelledPartSearch(result.rig.cameras)
-        part = search.found() if all(map(search.add, EvaluationFrames(result, found))) else None
+        part = search.found() if all(map(search.add_frame, EvaluationFrames(result, found))) else None
     if part is None:
         return job
     range_m = min(part.max_range_m, settings.max_range_m or part.max_range_m)

@@ -47,7 +47,7 @@ def measure(frames: Iterable[EvaluationFrame], evaluators: Sequence[Evaluator]) 
     del evaluators
     for frame in frames:
         for evaluator in waiting:
-            evaluator.add(frame)
+            evaluator.add_frame(frame)
     figures: dict[str, Any] = {}
     while waiting:  # what one has kept is freed before the next one makes its figures
         figures |= waiting.popleft().figures()
@@ -87,7 +87,7 @@ class FrameCounts:
         self._objects: Counter[str] = Counter()
         self._labels: Counter[str] = Counter()
 
-    def add(self, frame: EvaluationFrame) -> None:
+    def add_frame(self, frame: EvaluationFrame) -> None:
         """Count one frame."""
         self._frames += 1
         truth = frame.truth

@@ -187,7 +187,7 @@ def in_order(sources: Iterable[str]) -> list[str]:
 class Evaluator(Protocol):
     """Measures the frames of a result, which come in order."""
 
-    def add(self, frame: EvaluationFrame) -> None:
+    def add_frame(self, frame: EvaluationFrame) -> None:
         """Take in one frame."""
 
     def figures(self) -> Figures:

@@ -44,7 +44,7 @@ class LabelledPartSearch:
         self._tracks: set[int] = set()
         self._most, self._range_m = 0, 0.0  # true objects in one frame, and how far they are at most
 
-    def add(self, frame: EvaluationFrame) -> bool:
+    def add_frame(self, frame: EvaluationFrame) -> bool:
         """Take in one frame; returns whether a camera is left that sees all true objects so far."""
         truth, lidar = frame.truth, frame.sources.get("lidar")
         if truth is not None and lidar is not None and len(truth):

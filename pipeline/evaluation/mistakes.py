@@ -76,7 +76,7 @@ class Mistakes:
         self._open: list[Mistake] = []
         self._closed: list[Mistake] = []
 
-    def add(self, frame: EvaluationFrame) -> None:
+    def add_frame(self, frame: EvaluationFrame) -> None:
         """Take in one frame; those without truth, or without the source, have no errors."""
         if self._start_ns is None:
             self._start_ns = frame.stamp_ns

@@ -37,7 +37,7 @@ class UnlabelledEvaluation:
         self._frames = Counter[str]()
         self._skews_ns: list[int] = []
 
-    def add(self, frame: EvaluationFrame) -> None:
+    def add_frame(self, frame: EvaluationFrame) -> None:
         """Take in one frame."""
         if frame.skew_ns is not None:
             self._skews_ns.append(frame.skew_ns)

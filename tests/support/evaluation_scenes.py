@@ -27,7 +27,7 @@ def evaluated(frames: Iterable[EvaluationFrame], config: Config, zones: Sequence
     """The figures of detection, as a tree of any depth."""
     evaluation = DetectionEvaluation(config, zones)
     for frame in frames:
-        evaluation.add(frame)
+        evaluation.add_frame(frame)
     return evaluation.figures()
 
 

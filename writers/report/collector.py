@@ -54,7 +54,7 @@ class ReportCollector:
         self.is_tracked = False
         self._last_xy: F64 | None = None
 
-    def add(self, frame: EvaluationFrame) -> None:
+    def add_frame(self, frame: EvaluationFrame) -> None:
         """Take in one frame; they come in order."""
         if not self.frames:
             self.first_ns = frame.stamp_ns

@@ -78,7 +78,7 @@ class Comparison:
         self._start_ns: int | None = None
         self._pairs = 0
 
-    def add(self, pair: FramePair) -> None:
+    def add_pair(self, pair: FramePair) -> None:
         """Take in two frames; of a frame that one result alone has, the objects do not count."""
         if self._start_ns is None:
             self._start_ns = min(frame.stamp_ns for frame in (pair.first, pair.second) if frame is not None)
@@ -94,7 +94,7 @@ class Comparison:
     def close(self) -> None:
         """End all differences: no frame follows, or none that can be compared with those before."""
         for one in self._all_channels:
-            self._listing.take(one.episodes.add(()))
+            self._listing.take(one.episodes.add_frame(()))
 
     def not_allowed_percent(self, *, frames_may_differ: bool) -> dict[str, float]:
         """Share of the objects that differ in what is not allowed to, by source or camera.
@@ -126,9 +126,9 @@ class Comparison:
                 for one, classes in zip(found, self._known, strict=True)
             )
             changes = channel.changes(a, b)
-            channel.tally.add(changes, a.classes, b.classes)
+            channel.tally.add_changes(changes, a.classes, b.classes)
             differences += self._differences(changes, (first, a), (second, b))
-        self._listing.take(channel.episodes.add(differences))
+        self._listing.take(channel.episodes.add_frame(differences))
         return bool(differences)
 
     def _differences(

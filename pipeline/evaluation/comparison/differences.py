@@ -108,7 +108,7 @@ class Episodes:
         self._channel, self._row = channel, row
         self._open: list[Episode] = []
 
-    def add(self, differences: Sequence[Difference]) -> list[Episode]:
+    def add_frame(self, differences: Sequence[Difference]) -> list[Episode]:
         """Take in the differences of the next frame; returns the episodes that are over."""
         before = self._open
         going_on: list[Episode] = []

@@ -19,7 +19,7 @@ class Tally:
         self._counts = {name: np.zeros(len(self.class_names), np.int64) for name in counted}
         self._largest = np.zeros((len(self.class_names), len(PAIR_KINDS)))
 
-    def add(self, changes: Changes, first_classes: Indices, second_classes: Indices) -> None:
+    def add_changes(self, changes: Changes, first_classes: Indices, second_classes: Indices) -> None:
         """Take in a frame, with the class of each object of A and B: a row of the names.
 
         An object that both have counts with its class in A.

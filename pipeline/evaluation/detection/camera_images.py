@@ -46,7 +46,7 @@ class CameraImages:
         self._images_without_truth = 0
         self._waiting: list[tuple[ImageBoxes, TruthBoxes2D]] = []
 
-    def add(self, image: ImageBoxes) -> None:
+    def add_image(self, image: ImageBoxes) -> None:
         """Take in one image; the numbers in it are finite, as readers make sure."""
         if image.truth is None:
             self._images_without_truth += 1

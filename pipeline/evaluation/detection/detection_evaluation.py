@@ -23,11 +23,11 @@ class DetectionEvaluation:
         self._gathering = Gathering(config, zones)
         self._images: dict[str, CameraImages] = {}
 
-    def add(self, frame: EvaluationFrame) -> None:
+    def add_frame(self, frame: EvaluationFrame) -> None:
         """Take in one frame."""
-        self._gathering.add(frame)
+        self._gathering.add_frame(frame)
         for camera, image in frame.images.items():
-            self._images.setdefault(camera, CameraImages(self._config)).add(image)
+            self._images.setdefault(camera, CameraImages(self._config)).add_image(image)
 
     def figures(self) -> Figures:
         """The figures of all frames: `sources`, `images`, `fusion_gain`, `thresholds`."""

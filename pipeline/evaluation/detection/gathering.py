@@ -49,7 +49,7 @@ class Gathering:
         self._waiting: list[EvaluationFrame] = []
         self._waiting_pairs = 0
 
-    def add(self, frame: EvaluationFrame) -> None:
+    def add_frame(self, frame: EvaluationFrame) -> None:
         """Take in one frame; the numbers in it are finite, as readers make sure."""
         for source in frame.sources:
             if source not in self._found:

@@ -38,7 +38,7 @@ class DetectionPlots:
         self._truth: dict[str, I64] = {}
         self._places = Pieces(Places, xy=(2,))
 
-    def add(self, frame: EvaluationFrame) -> None:
+    def add_frame(self, frame: EvaluationFrame) -> None:
         """Take in one frame; those without truth are left out."""
         if frame.truth is None:
             return

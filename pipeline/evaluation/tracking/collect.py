@@ -53,7 +53,7 @@ class Collection:
         self._tracked_truth = self._untracked_truth = 0
         self._sources: dict[str, _Source] = {}
 
-    def add(self, frame: EvaluationFrame) -> None:
+    def add_frame(self, frame: EvaluationFrame) -> None:
         """Take in a frame; one without truth says nothing."""
         if frame.truth is None:
             return

@@ -38,9 +38,9 @@ class TrackingEvaluation:
         self._collection = Collection(config)
         self._edges_m = range_edges_m(config)
 
-    def add(self, frame: EvaluationFrame) -> None:
+    def add_frame(self, frame: EvaluationFrame) -> None:
         """Take in one frame; one without truth plays no part."""
-        self._collection.add(frame)
+        self._collection.add_frame(frame)
 
     def figures(self) -> Figures:
         """`tracking.SOURCE.CLASS.NAME`; empty without a source that has tracks."""

@@ -99,7 +99,7 @@ def test_every_object_is_counted_once_with_the_first_reason() -> None:
         image_pixels=[0, 0, 9, 0, 0, 5, 0],
     )
     for index, found in enumerate([None, truth, truth, truth_boxes([])]):
-        counts.add(frame_of(index, found))
+        counts.add_frame(frame_of(index, found))
     figures = counts.figures()
     assert (figures["frames"], figures["frames_with_truth"]) == (4, 3)
     assert figures["truth_objects"] == {

@@ -31,7 +31,7 @@ def part(truth: Places, found: Places, R: npt.ArrayLike = LEVEL) -> LabelledPart
     """Of five frames of the same objects."""
     search, sources = LabelledPartSearch([camera(R)]), {"lidar": source_boxes(rows_at(found))}
     frames = (frame_of(k, truth_boxes(rows_at(truth), range(len(truth))), sources) for k in range(5))
-    return search.found() if all(map(search.add, frames)) else None
+    return search.found() if all(map(search.add_frame, frames)) else None
 
 
 def test_truth_in_one_view_alone() -> None:

@@ -24,7 +24,7 @@ def truth(*places: float, ids: list[int] | None = None, points: list[int] | None
 def collected(*frames: EvaluationFrame) -> Mistakes:
     mistakes = Mistakes(CONFIG)
     for frame in frames:
-        mistakes.add(frame)
+        mistakes.add_frame(frame)
     return mistakes
 
 

@@ -20,7 +20,7 @@ def car(x: float, yaw: float = 0.0) -> list[float]:
 def figures(frames: list[EvaluationFrame], config: Config | None = None) -> Any:
     evaluation = UnlabelledEvaluation(config or Config())
     for frame in frames:
-        evaluation.add(frame)
+        evaluation.add_frame(frame)
     return evaluation.figures()
 
 

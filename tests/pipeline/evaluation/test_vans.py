@@ -37,7 +37,7 @@ def test_a_van_counts_for_the_class_that_it_is_found_as(
     detection, tracking = DetectionEvaluation(Config(), ()), TrackingEvaluation(Config())
     for evaluation in (detection, tracking):
         for index in range(2):
-            evaluation.add(frame_of(index, true, {"fused": boxes}, {"eye": shown}))
+            evaluation.add_frame(frame_of(index, true, {"fused": boxes}, {"eye": shown}))
     figures: Any = {**detection.figures(), **tracking.figures()}
     for tree in (figures["sources"]["fused"], figures["images"]["eye"]):
         counts = [[tree[name][key] for key in ("truth", "right", "false")] for name in ("car", "truck")]

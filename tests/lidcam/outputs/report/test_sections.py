@@ -22,7 +22,7 @@ NAMES = CONFIG.class_names
 def seen_of(*frames: SourceBoxes) -> ReportCollector:
     seen = ReportCollector(CONFIG, RIG)
     for index, source in enumerate(frames):
-        seen.add(frame_of(index, None, {"fused": source}))
+        seen.add_frame(frame_of(index, None, {"fused": source}))
     return seen
 
 
@@ -55,8 +55,8 @@ def test_doubts_are_said_with_what_to_do(
 def test_ways_are_drawn_from_the_sensors_where_they_move_nobody_knows_where_to() -> None:
     nowhere = replace(frame_of(0, None, {"fused": ONE}), T_fixed_site=None)
     unknown, adrift = ReportCollector(CONFIG, RIG), ReportCollector(CONFIG, RIG, is_adrift=True)
-    unknown.add(nowhere)
-    adrift.add(nowhere)
+    unknown.add_frame(nowhere)
+    adrift.add_frame(nowhere)
     assert (unknown.poses_known, unknown.is_tracked) == (0, False)
     assert (adrift.poses_known, adrift.is_tracked, adrift.travelled_m) == (1, True, 0)
     assert "1 road user" in sections.lead(adrift, NAMES)

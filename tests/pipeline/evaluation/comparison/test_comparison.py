@@ -33,7 +33,7 @@ def compared(
 ) -> Comparison:
     found = Comparison(ROAD_CLASSES, classes, config, CHANNELS, allowed)
     for pair in paired_frames(first, second, max_apart_ns=round(config.stamp_s * 1e9)):
-        found.add(pair)
+        found.add_pair(pair)
     found.close()
     return found
 

@@ -19,7 +19,7 @@ def row(x: float, y: float = 0.0) -> tuple[float, ...]:
 
 def test_without_truth_there_is_nothing_to_plot() -> None:
     plots = DetectionPlots(CONFIG)
-    plots.add(frame_of(0, None, {"fused": source_boxes([row(1)])}))
+    plots.add_frame(frame_of(0, None, {"fused": source_boxes([row(1)])}))
     assert (plots.sources, plots.figures(), len(plots.places.errors_m)) == ((), {}, 0)
 
 
@@ -32,8 +32,8 @@ def test_curves_end_where_precision_and_recall_are() -> None:
         scores = chance.uniform(0, 1, len(found)).tolist()
         truth = truth_boxes([row(x) for x in places], list(range(4)))
         frame = frame_of(index, truth, {"fused": source_boxes([row(x) for x in found], scores=scores)})
-        plots.add(frame)
-        judge.add(frame)
+        plots.add_frame(frame)
+        judge.add_frame(frame)
     tree: Any = judge.figures()
     figures = tree["sources"]["fused"]["car"]
     scores, recall, precision = plots.curve("fused", CAR)

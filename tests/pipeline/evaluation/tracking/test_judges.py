@@ -33,7 +33,7 @@ def figures_of(name: str) -> dict[str, Any]:
     add_case(evaluation, case)
     # Without a box there is no track, and without a track there are no figures: a track of another class brings them.
     found = source_boxes([[900, 900, 0, *SIZE, 0]], [0], class_ids=[1])
-    evaluation.add(frame_of(len(case.truth), truth_boxes([]), {"fused": found}))
+    evaluation.add_frame(frame_of(len(case.truth), truth_boxes([]), {"fused": found}))
     figures: Any = evaluation.figures()
     car: dict[str, Any] = figures["tracking"]["fused"]["car"]
     return car
@@ -53,7 +53,7 @@ def add_case(evaluation: TrackingEvaluation, case: TrackCase, class_id: int = 0)
             class_ids=[class_id] * len(found),
             scores=[row.score for row in found][::-1],
         )
-        evaluation.add(frame_of(index, true, {"fused": boxes}))
+        evaluation.add_frame(frame_of(index, true, {"fused": boxes}))
 
 
 @pytest.mark.parametrize("name", sorted(CASES.keys() - TIES_OF_TRACKS))

@@ -42,7 +42,7 @@ def silent(frames: list[EvaluationFrame], *rows: int) -> list[EvaluationFrame]:
 def tracking(frames: list[EvaluationFrame], config: Config | None = None) -> dict[str, Any]:
     evaluation = TrackingEvaluation(config or Config())
     for frame in frames:
-        evaluation.add(frame)
+        evaluation.add_frame(frame)
     figures: Any = evaluation.figures()
     sources: dict[str, Any] = figures["tracking"]
     return sources
