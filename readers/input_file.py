@@ -151,7 +151,7 @@ class InputFiles:
             while self._due < self._total:
                 self._add_step()
             if self._with_checksums:
-                self._background.add(lambda: self._advance(math.inf), 0)
+                self._background.add_job(lambda: self._advance(math.inf), 0)
                 self._background.finish()
             self._whole = tuple(map(self._finished, self._files))
             self.named = {key: _compared(file) for key, file in self.named.items()}
@@ -170,7 +170,7 @@ class InputFiles:
     def _add_step(self) -> None:
         """Have a step read; between two of them `close` ends the thread."""
         self._due += STEP_BYTES
-        self._background.add(lambda: self._advance(STEP_BYTES), 0)
+        self._background.add_job(lambda: self._advance(STEP_BYTES), 0)
 
     def _advance(self, size: float) -> None:
         """On the thread."""

@@ -13,7 +13,7 @@ class Notes:
     _counts: dict[str, int] = field(default_factory=dict)
     _details: dict[str, str] = field(default_factory=dict)
 
-    def add(self, what: str, detail: str = "", count: int = 1) -> None:
+    def add_note(self, what: str, detail: str = "", count: int = 1) -> None:
         """Note something; of many kinds, those beyond `MAX_KINDS` are counted together."""
         if what not in self._counts and len(self._counts) >= MAX_KINDS:
             what, detail = "others", ""

@@ -69,11 +69,11 @@ class EvaluationFrames:
             return None
         boxes = self._truth.at(frame.stamp_ns, frame=frame.index)
         if boxes is None:
-            self._notes.add(NOT_COVERED)
+            self._notes.add_note(NOT_COVERED)
             return None
         in_site = self._in_site(boxes)
         if in_site is None:
-            self._notes.add(NO_POSE)
+            self._notes.add_note(NO_POSE)
         return in_site
 
     def _in_site(self, boxes: TruthBoxes3D) -> TruthBoxes3D | None:

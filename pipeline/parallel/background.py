@@ -8,7 +8,7 @@ from collections.abc import Callable
 class Background:
     """Does jobs one after another on a thread of its own, which starts with the first of them.
 
-    An error of a job ends the work; the next `add` or `finish` raises it.
+    An error of a job ends the work; the next `add_job` or `finish` raises it.
 
     Args:
         weight: Largest weight of the jobs that wait; a heavier one waits alone.
@@ -24,7 +24,7 @@ class Background:
         self._is_closed = False
         self._thread: threading.Thread | None = None
 
-    def add(self, job: Callable[[], object], weight: int) -> None:
+    def add_job(self, job: Callable[[], object], weight: int) -> None:
         """Have a job done, after those before it; waits while too much is to be done.
 
         Raises:

@@ -151,16 +151,16 @@ class Result(Closing):
         try:
             yield
         except MessageError as err:
-            self._unused.add(f"messages of {message.topic} that are not used", str(err))
+            self._unused.add_note(f"messages of {message.topic} that are not used", str(err))
 
     def _source(self, found: Detections3D) -> SourceBoxes:
         """The boxes of the configured classes; others are counted, but for those that are of no class by intention."""
         class_ids = np.array([self._class_ids.get(label, UNKNOWN) for label in found.labels.tolist()], np.int32)
         is_known = class_ids != UNKNOWN
         for label in found.labels[~is_known & (found.labels != UNKNOWN_CLASS)].tolist():
-            self._unused.add(f"3D boxes of class {label!r}, which the settings do not have")
+            self._unused.add_note(f"3D boxes of class {label!r}, which the settings do not have")
         for reason, count in found.unused.items():
-            self._unused.add(f"3D boxes that are not used, {reason}", count=count)
+            self._unused.add_note(f"3D boxes that are not used, {reason}", count=count)
         n = len(found)
         boxes = Boxes3D(
             found.stamp_ns,
@@ -182,7 +182,7 @@ class Result(Closing):
         """The objects with the motion of the tracks that have their ids; that of the others is not known."""
         found = decode_tracks(message, limits=self.config.limits)
         for reason, count in found.unused.items():
-            self._unused.add(f"tracks that are not used, {reason}", count=count)
+            self._unused.add_note(f"tracks that are not used, {reason}", count=count)
         at, rows = np.nonzero(source.track_ids[:, None] == found.tracks.ids)
         n = len(source)
         velocities, yaw_rates = np.full((n, 2), np.nan), np.full(n, np.nan)
@@ -194,7 +194,7 @@ class Result(Closing):
     def _boxes(self, message: RawMessage, limits: LimitsConfig) -> Boxes2D:
         found = decode_detections2d(message, self._class_ids, limits=limits)
         for reason, count in found.unused.items():
-            self._unused.add(f"2D boxes that are not used, {reason}", count=count)
+            self._unused.add_note(f"2D boxes that are not used, {reason}", count=count)
         return found.boxes
 
 

@@ -36,7 +36,7 @@ class _Track:
     poses: deque[F64] = field(default_factory=deque)
     frame_id: str = ""
 
-    def add(self, stamp_ns: int, frame_id: str, pose: F64) -> str:
+    def add_pose(self, stamp_ns: int, frame_id: str, pose: F64) -> str:
         """Why a pose is not used; empty if it is."""
         if self.stamps_ns and stamp_ns <= self.stamps_ns[-1]:
             return "stamp not after that of the message before"
@@ -172,6 +172,6 @@ class OdometryTruth(TruthSource):
         except MessageError as err:
             fault = str(err)
         else:
-            fault = self._tracks[message.topic].add(message.stamp_ns, pose.dst, pose.matrix)
+            fault = self._tracks[message.topic].add_pose(message.stamp_ns, pose.dst, pose.matrix)
         if fault:
-            self._notes.add(f"messages of {message.topic} that are not used", fault)
+            self._notes.add_note(f"messages of {message.topic} that are not used", fault)

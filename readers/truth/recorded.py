@@ -54,7 +54,9 @@ class RecordedTruth(TruthSource):
         if config.evaluate.truth_time == "points":
             self._wanted = topics.when_measured or topics.objects
             if not topics.when_measured:
-                self._notes.add(f"no {topics.objects}_when_measured was recorded: compared at the stamp of each frame")
+                self._notes.add_note(
+                    f"no {topics.objects}_when_measured was recorded: compared at the stamp of each frame"
+                )
         self._timelines = {topic: Timeline() for topic in dict.fromkeys((self._wanted, topics.objects))}
         self._images = {camera.name: _Images() for camera in cameras} if topics.visible else {}
         self._camera_of_frame = {camera.T_camera_site.dst: camera.name for camera in cameras}
@@ -115,22 +117,22 @@ class RecordedTruth(TruthSource):
                 return
             found = decode_detections3d(message, limits=self._limits)
         except MessageError as err:
-            self._notes.add(f"messages of {message.topic} that are not used", str(err))
+            self._notes.add_note(f"messages of {message.topic} that are not used", str(err))
             return
         for reason, count in found.unused.items():
-            self._notes.add(f"{message.topic}: objects that are not used, {reason}", count=count)
+            self._notes.add_note(f"{message.topic}: objects that are not used, {reason}", count=count)
         moment = moment_of(found, self._class_ids)
         if message.topic == self._wanted:
             for label in moment.boxes.labels[moment.boxes.class_ids == UNKNOWN].tolist():
-                self._notes.add(f"{message.topic}: objects of class {label!r}, which is no class of the settings")
-        self._timelines[message.topic].add(moment)
+                self._notes.add_note(f"{message.topic}: objects of class {label!r}, which is no class of the settings")
+        self._timelines[message.topic].add_moment(moment)
 
     def _take_image(self, message: RawMessage) -> None:
         found = decode_detections2d(message, self._class_ids, other_class_id=UNKNOWN, limits=self._limits)
         name = message.topic.split("/")[-2]
         images = self._images.get(self._camera_of_frame.get(found.boxes.frame_id, name))
         if images is None:
-            self._notes.add(f"images of {message.topic}, a camera that the result does not have")
+            self._notes.add_note(f"images of {message.topic}, a camera that the result does not have")
             return
         n = len(found.boxes)
         shown = TruthBoxes2D(
@@ -142,7 +144,7 @@ class RecordedTruth(TruthSource):
             total(found.counts, IMAGE_PIXELS, n),
             np.zeros(n, np.bool_),
         )
-        images.add(shown, self._latest_ns - STEP_BACK_NS)
+        images.add_boxes(shown, self._latest_ns - STEP_BACK_NS)
 
 
 class _Images:
@@ -151,7 +153,7 @@ class _Images:
     def __init__(self) -> None:
         self._kept: deque[TruthBoxes2D] = deque()
 
-    def add(self, shown: TruthBoxes2D, before_ns: int) -> None:
+    def add_boxes(self, shown: TruthBoxes2D, before_ns: int) -> None:
         """Take the boxes of an image; forget those of images before a time, or all where time steps back."""
         while self._kept and (self._kept[0].stamp_ns < before_ns or len(self._kept) >= MAX_IMAGES):
             self._kept.popleft()

@@ -50,7 +50,7 @@ class Timeline:
         """The usual time between two messages; 0 of fewer than two."""
         return sorted(self._gaps_ns)[len(self._gaps_ns) // 2] if self._gaps_ns else 0
 
-    def add(self, moment: Moment) -> None:
+    def add_moment(self, moment: Moment) -> None:
         """Take a message; where time steps back by more than `STEP_BACK_NS`, those before it are forgotten."""
         if self._kept and moment.stamp_ns < self._kept[-1].stamp_ns - STEP_BACK_NS:
             self._kept.clear()

@@ -56,7 +56,7 @@ class ApproximateTime(Generic[T]):
         self._max_interval_ns = max_interval_ns
         self._on_drop = on_drop
 
-    def add(self, topic: int, stamp_ns: int, item: T) -> Sequence[tuple[T, ...]]:
+    def add_item(self, topic: int, stamp_ns: int, item: T) -> Sequence[tuple[T, ...]]:
         """Add the next message of a topic, and return the sets now certain."""
         queue = self._queues[topic]
         search_waited_for_it = self._cursors[topic] == len(queue)

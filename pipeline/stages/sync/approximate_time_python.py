@@ -29,7 +29,7 @@ class ApproximateTimePython(Generic[T]):
         self._slop_ns = slop_ns
         self._on_drop = on_drop
 
-    def add(self, topic: int, stamp_ns: int, item: T) -> Sequence[tuple[T, ...]]:
+    def add_item(self, topic: int, stamp_ns: int, item: T) -> Sequence[tuple[T, ...]]:
         """Add a message, and return the set that it completes, if any.
 
         An equal stamp replaces the queued message and keeps its place among ties.

@@ -76,7 +76,7 @@ class NearestPartners(Generic[R, T]):
             resolved += self._resolve_next()
         return resolved
 
-    def add(self, topic: int, stamp_ns: int, item: T) -> list[tuple[R, dict[int, T]]]:
+    def add_item(self, topic: int, stamp_ns: int, item: T) -> list[tuple[R, dict[int, T]]]:
         """Add an item, and return the reference items now resolved with their partners by topic."""
         if self._is_too_late(topic, stamp_ns):
             self._on_drop(item, DropReason.TOO_LATE)
@@ -241,11 +241,11 @@ class Nearest(Generic[T]):
             on_reference_drop=on_drop,
         )
 
-    def add(self, topic: int, stamp_ns: int, item: T) -> Sequence[tuple[T, ...]]:
+    def add_item(self, topic: int, stamp_ns: int, item: T) -> Sequence[tuple[T, ...]]:
         """Add a message, and return the sets now certain."""
         if topic == self._reference:
             return self._sets(self._partners.add_reference(stamp_ns, item))
-        return self._sets(self._partners.add(topic, stamp_ns, item))
+        return self._sets(self._partners.add_item(topic, stamp_ns, item))
 
     def flush(self) -> Sequence[tuple[T, ...]]:
         """The sets of the reference messages that were still waiting."""

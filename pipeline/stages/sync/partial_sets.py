@@ -96,7 +96,7 @@ class PartialSets:
         )
         self._choose_core()
 
-    def add(self, message: RawMessage) -> list[FoundSet]:
+    def add_message(self, message: RawMessage) -> list[FoundSet]:
         """Add the next message, and return the sets now certain."""
         topic = self._index[message.channel.topic]
         found: list[FoundSet] = []
@@ -147,10 +147,10 @@ class PartialSets:
             self._entering.discard(topic)
             return self._wait() + self._insert(topic, item)
         if topic not in self._place or topic in self._entering:
-            resolved = self._partners.add(topic, stamp_ns, item)
+            resolved = self._partners.add_item(topic, stamp_ns, item)
             return self._found(resolved) if resolved else []
         self._held[topic][item.number] = item
-        sets = self._policy.add(self._place[topic], stamp_ns, item)
+        sets = self._policy.add_item(self._place[topic], stamp_ns, item)
         return self._joined(sets) if sets else []
 
     def _is_worth_waiting_for(self, stamp_ns: int) -> bool:

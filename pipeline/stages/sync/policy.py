@@ -30,7 +30,7 @@ class Policy(Protocol[T]):
     At most `queue_size` items of each topic are held between calls.
     """
 
-    def add(self, topic: int, stamp_ns: int, item: T) -> Sequence[tuple[T, ...]]:
+    def add_item(self, topic: int, stamp_ns: int, item: T) -> Sequence[tuple[T, ...]]:
         """Add the next item of a topic (by index), and return the sets now certain, items in order of topics."""
 
     def flush(self) -> Sequence[tuple[T, ...]]:

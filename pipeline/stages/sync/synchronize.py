@@ -150,9 +150,9 @@ class _FullSets:
         self._place = {topic: index for index, topic in enumerate(topics)}
         self._policy, self._reference = policy, self._place[reference]
 
-    def add(self, message: RawMessage) -> list[FoundSet]:
+    def add_message(self, message: RawMessage) -> list[FoundSet]:
         """Add the next message, and return the sets now certain."""
-        return self._found(self._policy.add(self._place[message.topic], message.stamp_ns, message))
+        return self._found(self._policy.add_item(self._place[message.topic], message.stamp_ns, message))
 
     def flush(self) -> list[FoundSet]:
         """The sets that become certain because no more messages follow."""
@@ -168,7 +168,7 @@ class _FullSets:
 
 def _sets(messages: Iterable[RawMessage], finder: _FullSets | PartialSets) -> Iterator[FoundSet]:
     for message in messages:
-        yield from finder.add(message)
+        yield from finder.add_message(message)
     yield from finder.flush()
     finder.close()
 

@@ -30,7 +30,7 @@ def test_jobs_are_done_in_order_on_another_thread(count: int) -> None:
         done.append((number, threading.current_thread() is threading.main_thread()))
 
     for number in range(count):
-        background.add(lambda number=number: job(number), weight=number % 5)  # type: ignore[misc]  # bound at once
+        background.add_job(lambda number=number: job(number), weight=number % 5)  # type: ignore[misc]  # bound at once
     background.finish()
     background.close()
     assert done == [(number, False) for number in range(count)]
@@ -38,9 +38,9 @@ def test_jobs_are_done_in_order_on_another_thread(count: int) -> None:
 
 def test_no_more_waits_than_the_limit_but_for_one_heavy_job(monkeypatch: pytest.MonkeyPatch) -> None:
     background, gate = Background(weight=10, name="test"), threading.Event()
-    background.add(gate.wait, weight=100)  # heavier than the limit, and taken
+    background.add_job(gate.wait, weight=100)  # heavier than the limit, and taken
     open_when_called(gate, background._changed, "wait", monkeypatch)
-    background.add(lambda: None, weight=1)
+    background.add_job(lambda: None, weight=1)
     assert gate.is_set(), "it has waited"
     background.finish()
     background.close()
@@ -48,11 +48,11 @@ def test_no_more_waits_than_the_limit_but_for_one_heavy_job(monkeypatch: pytest.
 
 def test_an_error_ends_the_work_and_is_raised_by_what_comes_next() -> None:
     background, done = Background(weight=10, name="test"), []
-    background.add(failing, weight=1)
+    background.add_job(failing, weight=1)
     with pytest.raises(OSError, match="No space left"):
         background.finish()
     with pytest.raises(OSError, match="No space left"):
-        background.add(lambda: done.append(1), weight=1)
+        background.add_job(lambda: done.append(1), weight=1)
     with pytest.raises(OSError, match="No space left"):
         background.finish()
     background.close()
@@ -66,10 +66,10 @@ def test_an_error_wakes_who_waits_for_room(monkeypatch: pytest.MonkeyPatch) -> N
         gate.wait()
         failing()
 
-    background.add(fail_later, weight=1)
+    background.add_job(fail_later, weight=1)
     open_when_called(gate, background._changed, "wait", monkeypatch)
     with pytest.raises(OSError, match="No space left"):
-        background.add(lambda: None, weight=1)
+        background.add_job(lambda: None, weight=1)
     background.close()
 
 
@@ -82,8 +82,8 @@ def test_closing_waits_for_the_job_in_work_and_drops_the_rest(monkeypatch: pytes
         gate.wait()
         done.append(1)
 
-    background.add(first, weight=1)
-    background.add(lambda: done.append(2), weight=1)
+    background.add_job(first, weight=1)
+    background.add_job(lambda: done.append(2), weight=1)
     begun.wait()
     open_when_called(gate, background._thread, "join", monkeypatch)
     background.close()

@@ -46,10 +46,10 @@ def timeline(*moments: Moment) -> Timeline:
     """A timeline that knows its period, from messages long before."""
     line = Timeline()
     for number in range(PROBED_GAPS + 1):
-        line.add(moment((number - PROBED_GAPS - 1000) * PERIOD_NS))
+        line.add_moment(moment((number - PROBED_GAPS - 1000) * PERIOD_NS))
     line._kept.clear()
     for one in moments:
-        line.add(one)
+        line.add_moment(one)
     return line
 
 
@@ -57,8 +57,8 @@ def test_a_step_back_of_time_begins_anew() -> None:
     """A stamp far ahead of all others costs what lies beside it, and no more."""
     line = timeline(moment(0), moment(PERIOD_NS), moment(3600 * 10**9))
     assert not line.reaches(PERIOD_NS + 1)
-    line.add(moment(2 * PERIOD_NS))
-    line.add(moment(3 * PERIOD_NS))
+    line.add_moment(moment(2 * PERIOD_NS))
+    line.add_moment(moment(3 * PERIOD_NS))
     assert x_of(line.at(2 * PERIOD_NS + PERIOD_NS // 2)) == [2.5]
     assert line.at(PERIOD_NS) is None
 
@@ -138,7 +138,7 @@ def test_objects_without_ids_of_their_own_are_where_the_nearest_message_has_them
     assert (line.nearest, line.farthest_ns) == (2, 40_000_000)
     slow = Timeline()
     for number in range(PROBED_GAPS + 2):
-        slow.add(moment(number * 10 * PERIOD_NS, ids))
+        slow.add_moment(moment(number * 10 * PERIOD_NS, ids))
     assert slow.at(60_000_000) is None  # within half a period, and farther than the objects may have moved
     assert x_of(slow.at(50_000_000)) == [0.0, 0.0]
 
@@ -157,9 +157,9 @@ def test_how_far_a_timeline_reaches() -> None:
     assert line.reaches(PERIOD_NS)
     assert line.reaches(PERIOD_NS - 1)
     assert not line.reaches(PERIOD_NS + 1)
-    line.add(moment(50 * PERIOD_NS))
+    line.add_moment(moment(50 * PERIOD_NS))
     assert line.reaches(50 * PERIOD_NS)
     assert not line.reaches(30 * PERIOD_NS)
-    line.add(moment(51 * PERIOD_NS))
+    line.add_moment(moment(51 * PERIOD_NS))
     assert line.reaches(30 * PERIOD_NS)
     assert not timeline(moment(PERIOD_NS)).reaches(0)

@@ -46,7 +46,7 @@ def make_policy(
 
 def found_live(policy: Policy[Item], arrivals: Iterable[Arrival]) -> list[Sequence[tuple[Item, ...]]]:
     """The sets that each arrival brings about."""
-    return [policy.add(topic, stamp_ns, (topic, stamp_ns, n)) for n, (topic, stamp_ns) in enumerate(arrivals)]
+    return [policy.add_item(topic, stamp_ns, (topic, stamp_ns, n)) for n, (topic, stamp_ns) in enumerate(arrivals)]
 
 
 def run_policy(policy: Policy[Item], arrivals: Iterable[Arrival]) -> list[tuple[Item, ...]]:
@@ -92,7 +92,9 @@ def test_equals_genuine_message_filters(variant: str) -> None:
         policy = oracle_policy(variant, case, lambda item, _reason, dropped=dropped: dropped.append(item))  # type: ignore[misc]  # bound at once
         found = []
         for arrival, (topic, stamp_ns, message_id) in enumerate(case["arrivals"]):
-            found += [[arrival, list(messages)] for messages in policy.add(topic, stamp_ns, [stamp_ns, message_id])]
+            found += [
+                [arrival, list(messages)] for messages in policy.add_item(topic, stamp_ns, [stamp_ns, message_id])
+            ]
         policy.close()
         assert found == expected, name
         assert len(dropped) + case["topics"] * len(found) == len(case["arrivals"]), name
@@ -118,7 +120,7 @@ def test_every_message_is_used_once_or_dropped_once_and_few_wait(
     sets: list[tuple[Item, ...]] = []
     arrived = [(topic, stamp_ns, number) for number, (topic, stamp_ns) in enumerate(arrivals)]
     for topic, stamp_ns, number in arrived:
-        sets += policy.add(topic, stamp_ns, (topic, stamp_ns, number))
+        sets += policy.add_item(topic, stamp_ns, (topic, stamp_ns, number))
         held = Counter(topic for topic, _ in arrivals[: number + 1])
         held.subtract(topic for topic, _, _ in [*itertools.chain(*sets), *(item for item, _ in drops)])
         assert all(0 <= count <= queue_size for count in held.values())
