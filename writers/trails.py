@@ -31,7 +31,7 @@ class Trails:
         self._stamps_ns, self._numbers = np.zeros(0, np.int64), np.zeros(0, np.int64)
         self._places = _NO_PLACES
 
-    def add(self, result: FrameResult) -> list[F64]:
+    def add_frame(self, result: FrameResult) -> list[F64]:
         """Take a frame in, and give the trail of each of its objects.
 
         Where the rig moves and how is not known, the trails begin anew.

@@ -35,7 +35,7 @@ class TruthTimes:
         self._frames: deque[FrameTime] = deque(maxlen=MAX_FRAMES)
         self._waiting: list[TrueBoxes] = []
 
-    def add(self, bundle: SensorBundle) -> list[tuple[FrameTime, TrueBoxes]]:
+    def add_frame(self, bundle: SensorBundle) -> list[tuple[FrameTime, TrueBoxes]]:
         """The truth whose frame is known now, in the order in which it was recorded, with that frame."""
         self._frames.append(FrameTime(bundle.index, bundle.stamp_ns, bundle.log_time_ns))
         self._waiting += bundle.truth

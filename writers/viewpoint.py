@@ -105,7 +105,7 @@ class SceneSurvey:
         """Whether enough frames were seen."""
         return len(self._strong) >= SURVEYED_FRAMES
 
-    def add(self, result: FrameResult) -> None:
+    def add_frame(self, result: FrameResult) -> None:
         """Take one frame in, unless the survey is complete."""
         if self.is_complete:
             return

@@ -27,7 +27,7 @@ class Frame(FrameResult):
     def of(cls, result: FrameResult, scenes: Scenes) -> Self:
         """The next frame of a run."""
         values = {one.name: getattr(result, one.name) for one in fields(FrameResult)}
-        return cls(**values, scene=scenes.add(result), scenes=scenes)
+        return cls(**values, scene=scenes.add_frame(result), scenes=scenes)
 
     def draw(self, camera: str | None = None) -> U8:
         """The frame as an image, (H, W, 3) uint8, red, green, blue.

@@ -24,7 +24,7 @@ class Graph:
         self._nodes: list[NodeProto] = []
         self._constants: list[TensorProto] = []
 
-    def add(self, op: str, *inputs: str | Array, name: str = "", **attributes: Any) -> str:
+    def add_node(self, op: str, *inputs: str | Array, name: str = "", **attributes: Any) -> str:
         """Add a node and return the name of its output.
 
         Args:

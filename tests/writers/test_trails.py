@@ -30,7 +30,7 @@ def at(index: int, places: dict[int, tuple[float, float]], poses: F64 | None = N
 
 def last_trails(*results: FrameResult) -> list[list[list[float]]]:
     trails = Trails("site", CONFIG.combine.motion)
-    return [[trail.tolist() for trail in trails.add(result)] for result in results][-1]
+    return [[trail.tolist() for trail in trails.add_frame(result)] for result in results][-1]
 
 
 def test_a_trail_is_where_its_track_was_on_the_ground() -> None:
@@ -45,10 +45,10 @@ def test_objects_without_a_track_have_none() -> None:
 
 def test_a_trail_ends_after_its_time_and_nothing_older_is_kept() -> None:
     trails = Trails("site", CONFIG.combine.motion)
-    lengths = [len(trails.add(at(index, {1: (index, 0)}))[0]) for index in range(2 * FRAMES_OF_TRAIL)]
+    lengths = [len(trails.add_frame(at(index, {1: (index, 0)}))[0]) for index in range(2 * FRAMES_OF_TRAIL)]
     assert lengths[:3] == [0, 2, 3]
     assert max(lengths) == lengths[-1] == FRAMES_OF_TRAIL
-    (trail,) = trails.add(at(10 * FRAMES_OF_TRAIL, {1: (0, 0)}))
+    (trail,) = trails.add_frame(at(10 * FRAMES_OF_TRAIL, {1: (0, 0)}))
     assert len(trail) == 0
 
 

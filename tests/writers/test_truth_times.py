@@ -26,7 +26,7 @@ def bundle(index: int, found: tuple[TrueBoxes, ...] = ()) -> SensorBundle:
 def frames_of(*bundles: SensorBundle) -> list[tuple[float, int]]:
     """The stamp of each truth, in seconds, and its frame, in the order in which they are told."""
     times = TruthTimes()
-    known = [pair for one in bundles for pair in times.add(one)] + times.rest()
+    known = [pair for one in bundles for pair in times.add_frame(one)] + times.rest()
     return [(round(boxes.stamp_ns / SECOND, 3), frame.index) for frame, boxes in known]
 
 
@@ -55,5 +55,5 @@ def test_no_more_wait_than_may(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tested, "MAX_WAITING", 2)
     times = TruthTimes()
     early = tuple(truth(100.5 + at / 10, 100.0) for at in range(5))
-    assert [boxes for _, boxes in times.add(bundle(0, early))] == [*early[:3]]
+    assert [boxes for _, boxes in times.add_frame(bundle(0, early))] == [*early[:3]]
     assert [boxes for _, boxes in times.rest()] == [*early[3:]]

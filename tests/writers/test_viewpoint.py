@@ -59,7 +59,7 @@ def ring(radius_m: float) -> F64:
 def place_eye(of: Rig, *frames: FrameResult) -> Viewpoint:
     survey = SceneSurvey(of)
     for one in frames:
-        survey.add(one)
+        survey.add_frame(one)
     return survey.viewpoint(aspect=ASPECT, fov_y_deg=FOV_Y_DEG)
 
 
@@ -102,7 +102,7 @@ def test_from_above_the_same_is_in_view(azimuth_deg: float) -> None:
     survey = SceneSurvey(rig(camera("c", azimuth_deg)))
     angle = np.radians(azimuth_deg)
     places = np.array([[10, 3], [30, -2]]) @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    survey.add(seen(places, points=ring(20)))
+    survey.add_frame(seen(places, points=ring(20)))
     of = survey.viewpoint(aspect=ASPECT, fov_y_deg=FOV_Y_DEG)
     for aspect in (0.5, 3.0):
         above = survey.above(of, aspect=aspect, fov_y_deg=FOV_Y_DEG)
@@ -122,7 +122,7 @@ def test_the_ground_is_where_its_points_are(heights: list[float]) -> None:
     for height in heights:
         one = cloud(ring(20))
         ground = replace(one.cloud, xyz=one.cloud.xyz + np.array([0, 0, height], np.float32))
-        survey.add(replace(seen([]), combined=replace(one, ground_cloud=ground)))
+        survey.add_frame(replace(seen([]), combined=replace(one, ground_cloud=ground)))
     assert survey.ground_m == pytest.approx(-1.5 if heights else -2.0)
 
 

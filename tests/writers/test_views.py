@@ -35,7 +35,7 @@ def scene_of(*results: FrameResult) -> Any:
     """The scene of the last of some frames."""
     trails = Trails("site", CONFIG.combine.motion)
     scenes = [
-        scene_update(drawn_of(result), trails.add(result), drawn_of(result).roofs + UPWARDS) for result in results
+        scene_update(drawn_of(result), trails.add_frame(result), drawn_of(result).roofs + UPWARDS) for result in results
     ]
     return through_cdr(scenes[-1])
 
@@ -182,7 +182,7 @@ def test_a_2d_box_is_faint_where_a_3d_box_is_drawn() -> None:
 @pytest.mark.parametrize("objects", [0, 3])
 def test_zones_lie_on_the_ground_with_their_counts(objects: int) -> None:
     survey, result = SceneSurvey(RIG), frame(objects=objects)
-    survey.add(result)
+    survey.add_frame(result)
     drawn, zones = drawn_of(result), zone_entities(survey, result.fused.objects)
     scene = scene_update(drawn, [np.zeros((0, 3))] * objects, drawn.roofs, zones)
     north, south = through_cdr(scene).entities[objects:]

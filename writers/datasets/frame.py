@@ -91,7 +91,7 @@ class DatasetWriter(Protocol):
             OutputError: the format cannot have it.
         """
 
-    def add(self, frame: DatasetFrame) -> None:
+    def add_frame(self, frame: DatasetFrame) -> None:
         """Write the next frame of the scene."""
 
     def finish(self) -> None:

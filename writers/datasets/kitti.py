@@ -90,7 +90,7 @@ class KittiWriter:
         self._scenes += 1
         self._begin_files()
 
-    def add(self, frame: DatasetFrame) -> None:
+    def add_frame(self, frame: DatasetFrame) -> None:
         """See `DatasetWriter`; a frame without an image of the camera is left out."""
         image = frame.images.get(self._camera.name)
         if image is None or frame.cloud is None:

@@ -83,7 +83,7 @@ class NuScenesWriter:
             self._calibrations[channel] = self._calibrated(channel, "camera", T_site_camera, camera.model.K.tolist())
         self._put("log", (scene.origin, "log"), logfile=scene.name, vehicle=site, date_captured="", location=scene.name)
 
-    def add(self, frame: DatasetFrame) -> None:
+    def add_frame(self, frame: DatasetFrame) -> None:
         """See `DatasetWriter`; a frame whose place nobody knows is left out."""
         if frame.T_fixed_site is None or frame.cloud is None:
             self.left_out["frames without a known place of the site frame"] += 1

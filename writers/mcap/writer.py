@@ -190,7 +190,7 @@ class ResultMessages:
                 f"{self._path}: frame {bundle.index}: a stamp does not fit a ROS 2 header, {fault}; "
                 "cut that part off with --start and --duration"
             )
-        self.survey.add(result)
+        self.survey.add_frame(result)
         self._add_recorded(message for message in bundle.copied if message.log_time_ns <= log_time_ns)
         if "/tf_static" not in self.filled:
             self._add("/tf_static", static_transforms(self._rig, min(stamps_ns), self._frames), log_time_ns)
@@ -202,7 +202,7 @@ class ResultMessages:
         for camera in self._rig.cameras:
             not_copied += self._add_camera(drawn, camera, edges[camera.name])
         self._add("/diagnostics", diagnostics(result, self._rig, not_copied), log_time_ns)
-        self._add_truth(self._truth_times.add(bundle))
+        self._add_truth(self._truth_times.add_frame(bundle))
         self._add_recorded(message for message in bundle.copied if message.log_time_ns > log_time_ns)
         return tuple(not_copied)
 
@@ -222,7 +222,7 @@ class ResultMessages:
         yield "/fused/detections", detections_3d(objects, names, stamp_ns=stamp_ns, track_numbers=drawn.tracks)
         if tracks is not None:
             yield TRACKS, track_array(objects, tracks, names, stamp_ns=stamp_ns)
-        trails, zones = self._trails.add(result), zone_entities(self.survey, objects)
+        trails, zones = self._trails.add_frame(result), zone_entities(self.survey, objects)
         yield "/fused/scene", scene_update(drawn, trails, self._label_places.of(drawn), zones)
         yield "/fused/markers", marker_array(drawn)
         yield "/lidar/detections", detections_3d(result.detections.lidar, names, stamp_ns=stamp_ns)

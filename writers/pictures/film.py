@@ -83,7 +83,7 @@ class FilmWriter(ResultWriter):
         if self._waiting is not None:
             step_ns = stamp_ns - self._last_ns
             self._encode(step_ns if MIN_NS <= step_ns <= LONGEST_NS else LONGEST_NS)
-        picture, drops = self._scenes.all_cameras(self._scenes.add(result))
+        picture, drops = self._scenes.all_cameras(self._scenes.add_frame(result))
         self._waiting, self._last_ns = picture, stamp_ns
         return drops
 

@@ -39,7 +39,7 @@ class MatchesWriter(ResultWriter):
         Returns:
             Images that cannot be decoded: their pictures are dark.
         """
-        scene, bundle = self._scenes.add(result), result.bundle
+        scene, bundle = self._scenes.add_frame(result), result.bundle
         drops: list[Drop] = []
         for name, shown in scene.images.items():
             if shown is not result:

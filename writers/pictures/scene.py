@@ -70,7 +70,7 @@ class Scenes:
         self._area: Area | None = None
         self._heights: tuple[float, float] | None = None
 
-    def add(self, result: FrameResult) -> Scene:
+    def add_frame(self, result: FrameResult) -> Scene:
         """Take the next frame in."""
         self._start_ns = result.bundle.stamp_ns if self._start_ns is None else self._start_ns
         self._area = self._area or area_of(result, self._rig)
@@ -80,7 +80,7 @@ class Scenes:
                 self._images[camera.name] = result
             elif result.bundle.missing.get(camera.topic or camera.boxes_topic) != Missing.NOT_NEAR:
                 self._images.pop(camera.name, None)  # silent, or its image is unfit
-        return Scene(result, self._trails.add(result), dict(self._images))
+        return Scene(result, self._trails.add_frame(result), dict(self._images))
 
     def camera(self, scene: Scene, name: str) -> Drawn:
         """The picture of a camera in its own size.

@@ -67,8 +67,8 @@ class ReportCollector:
         self.log_times_ns.append(0 if frame.sync is None else frame.sync.log_time_ns)
         maxima = {} if frame.skew_ns is None else {"skew": frame.skew_ns / 1e6}
         if frame.sync is not None:
-            self.sensors.add(time_s, dict.fromkeys(frame.sync.offsets_ns, 1.0), {})
-        self.time.add(time_s, sums, maxima)
+            self.sensors.add_frame(time_s, dict.fromkeys(frame.sync.offsets_ns, 1.0), {})
+        self.time.add_frame(time_s, sums, maxima)
 
     def figures(self) -> Figures:
         """None."""
@@ -97,17 +97,17 @@ class ReportCollector:
         if motion is None:
             for class_id in np.unique(boxes.class_ids).tolist():
                 grid = self.places.setdefault(self._names[class_id], SparseGrid(0.05, MAX_PLACES))
-                grid.add(xy[boxes.class_ids == class_id])
+                grid.add_points(xy[boxes.class_ids == class_id])
             return
         self.is_tracked = True
         speeds = np.hypot(motion.velocities[:, 0], motion.velocities[:, 1])
         rows = np.flatnonzero((source.track_ids > NO_TRACK) & np.isfinite(speeds))
         numbers = source.track_ids[rows]
         self.users.add_objects(frame.stamp_ns, boxes.class_ids[rows], boxes.centers[rows], numbers, speeds[rows])
-        self.courses.add(time_s, numbers, xy[rows], speeds[rows])
+        self.courses.add_frame(time_s, numbers, xy[rows], speeds[rows])
 
     def _travel(self, time_s: float, xy: F64) -> None:
-        self.way.add(time_s, np.zeros(1, np.int64), xy[None], np.zeros(1))
+        self.way.add_frame(time_s, np.zeros(1, np.int64), xy[None], np.zeros(1))
         if self._last_xy is None:
             self._last_xy = xy
         step_m = float(np.hypot(*(xy - self._last_xy)))

@@ -27,7 +27,7 @@ class Courses:
         self._points = 0
         self._dropped: set[int] = set()
 
-    def add(self, time_s: float, numbers: I64, xy: F64, speeds: F64) -> None:
+    def add_frame(self, time_s: float, numbers: I64, xy: F64, speeds: F64) -> None:
         """Take in the tracks of one frame: their numbers (N,), places (N, 2) in a fixed frame, and speeds (N,)."""
         rows = zip(numbers.tolist(), xy.tolist(), speeds.tolist(), strict=True)
         for number, (x, y), speed in rows:

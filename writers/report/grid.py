@@ -24,7 +24,7 @@ class SparseGrid:
     def __len__(self) -> int:
         return len(self._keys)
 
-    def add(self, xy: F64) -> None:
+    def add_points(self, xy: F64) -> None:
         """Count each cell in which some of the points (N, 2) lie once."""
         cells = np.clip(np.floor(xy / self.cell_m), 1 - _MIDDLE, _MIDDLE - 1).astype(np.int64) + _MIDDLE
         keys = np.unique(cells[:, 0] << 32 | cells[:, 1])

@@ -26,7 +26,7 @@ class Timeline:
         self._maxima: dict[str, F64] = {}
         self._last = 0
 
-    def add(self, time_s: float, sums: Mapping[str, float], maxima: Mapping[str, float]) -> None:
+    def add_frame(self, time_s: float, sums: Mapping[str, float], maxima: Mapping[str, float]) -> None:
         """Take in a frame at a time since the first; one from before it counts as of the first step."""
         while (step := max(int(time_s / self.step_s), 0)) >= MAX_STEPS:
             self._double()

@@ -68,7 +68,7 @@ class ObjectLog:
         for path, rows in (("world/placed", placed), ("world/predicted", predicted)):
             if self._news.at(f"{path}/uncertainty", int(rows.sum())):
                 log(f"{path}/uncertainty", archetypes.object_ellipses(drawn, rows))
-        paths = self._trails.add(result)
+        paths = self._trails.add_frame(result)
         if self._news.at("world/trails", sum(len(path) > 0 for path in paths)):
             log("world/trails", archetypes.trails(drawn, paths))
         if (found := result.detections.placed) is not None:

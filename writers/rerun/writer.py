@@ -127,12 +127,12 @@ class RerunResultWriter(ResultWriter):
         if self._first is None:
             self._first = result.bundle.index, result.bundle.stamp_ns
             self._log_static()
-        self._survey.add(result)
+        self._survey.add_frame(result)
         if not self._is_placed and (self._survey.is_complete or self._output is None):  # who looks on does not wait
             self._place_eye()
         if result.bundle.motion is not None:
             self._fixed_frame_id = result.bundle.motion.fixed_frame_id
-        self._log_truth(self._truth_times.add(result.bundle))
+        self._log_truth(self._truth_times.add_frame(result.bundle))
         self._set_time(result.bundle.index, result.bundle.stamp_ns)
         self._log_motion(result)
         if self._config.output.clouds:

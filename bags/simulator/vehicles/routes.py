@@ -127,7 +127,7 @@ def _pieces(corners: Sequence[F64], radii: Sequence[float], *, closed: bool) -> 
     pieces: list[_Piece] = []
     along, yaw = 0.0, yaws[0]
 
-    def add(x: float, y: float, length: float, curvature: float) -> None:
+    def add_piece(x: float, y: float, length: float, curvature: float) -> None:
         nonlocal along, yaw
         if length > MIN_PIECE_M:
             pieces.append(_Piece(along, length, x, y, yaw, curvature))
@@ -138,10 +138,10 @@ def _pieces(corners: Sequence[F64], radii: Sequence[float], *, closed: bool) -> 
         after = (row + 1) % count
         unit = side / length
         leave, reach = corner + unit * cuts[row], corner + unit * (length - cuts[after])
-        add(float(leave[0]), float(leave[1]), length - cuts[row] - cuts[after], 0.0)
+        add_piece(float(leave[0]), float(leave[1]), length - cuts[row] - cuts[after], 0.0)
         if arcs[after] > 0.0:
             bend = math.copysign(1 / arcs[after], turns[after])
-            add(float(reach[0]), float(reach[1]), abs(turns[after]) * arcs[after], bend)
+            add_piece(float(reach[0]), float(reach[1]), abs(turns[after]) * arcs[after], bend)
         else:
             yaw += turns[after]
     return pieces

@@ -70,11 +70,11 @@ def drive(
         end_ns = None if duration_s is None else round(duration_s * 1e9)
         status = resources.enter_context(contextlib.closing(_StatusLine()))
         for recorded, control in driven(simulation, keyboard, drivable, end_ns=end_ns):
-            recorder.add(recorded)
+            recorder.write_messages(recorded)
             if viewer is not None:
                 viewer.show(recorded)
             status.show(simulation, control)
-    recorder.report(output, simulation.now_ns)
+    recorder.log_files(output, simulation.now_ns)
 
 
 def _keyboard(

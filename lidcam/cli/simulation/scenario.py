@@ -65,13 +65,13 @@ class Recorder:
         self._write, self._start_ns = write, start_ns
         self.messages = 0
 
-    def add(self, recorded: list[Recorded]) -> None:
+    def write_messages(self, recorded: list[Recorded]) -> None:
         """Write the messages of one step."""
         for one in recorded:
             self._write(one, self._start_ns)
         self.messages += len(recorded)
 
-    def report(self, output: Path, now_ns: int) -> None:
+    def log_files(self, output: Path, now_ns: int) -> None:
         """Log what was written."""
         files = [output] if output.is_file() else sorted(output.iterdir())
         size_mib = sum(file.stat().st_size for file in files) / 2**20

@@ -80,9 +80,9 @@ def simulate(
     ):
         simulation, recorder = opened
         for recorded in simulation.run(found.duration_s):
-            recorder.add(recorded)
+            recorder.write_messages(recorded)
             advance(simulation.now_ns * 1e-9, f"{recorder.messages} messages")
-    recorder.report(output, simulation.now_ns)
+    recorder.log_files(output, simulation.now_ns)
 
 
 def check_simulator() -> None:

@@ -64,7 +64,7 @@ def export_results(
                 writer.begin(scene.facts)
             for frame in scene.frames():
                 with output_errors(output.path):
-                    writer.add(frame)
+                    writer.add_frame(frame)
                 frames, objects = frames + 1, objects + len(frame.objects)
                 true_objects += [] if frame.truth is None else [len(frame.truth)]
                 advance((frame.stamp_ns - result.recording.start_ns) / 1e9, f"{frames} frames exported")

@@ -104,7 +104,7 @@ def _background(result: Result, seen: ReportCollector) -> SparseGrid:
             except MessageError:
                 continue
             if T_fixed_site is not None:
-                grid.add(T_fixed_site.apply(cloud.xyz)[:, :2].astype(float))
+                grid.add_points(T_fixed_site.apply(cloud.xyz)[:, :2].astype(float))
     return grid
 
 

@@ -99,7 +99,7 @@ def _exported(path: Path, model: KitModel) -> Converted:
     graph, channels_last = Graph("lidcam/"), outputs[0] == "cls_preds"
     counts = len(model.specs.classes), head.code, head.directions
     rows = [
-        graph.add("Reshape", name, np.array([-1, numbers])) if channels_last else by_row(graph, name, numbers)
+        graph.add_node("Reshape", name, np.array([-1, numbers])) if channels_last else by_row(graph, name, numbers)
         for name, numbers in zip(outputs, counts, strict=True)
     ]
     with _named(path):

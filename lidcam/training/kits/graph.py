@@ -113,7 +113,7 @@ def add_network(graph: Graph, model: KitModel, weights: Weights) -> None:
 
 def by_row(graph: Graph, image: str, numbers: int) -> str:
     """Reshape an image into rows of numbers."""
-    return graph.add("Reshape", graph.add("Transpose", image, perm=[0, 2, 3, 1]), np.array([-1, numbers]))
+    return graph.add_node("Reshape", graph.add_node("Transpose", image, perm=[0, 2, 3, 1]), np.array([-1, numbers]))
 
 
 def add_anchor_boxes(graph: Graph, model: KitModel, head: AnchorHead, rows: Rows) -> None:
@@ -125,27 +125,29 @@ def add_anchor_boxes(graph: Graph, model: KitModel, head: AnchorHead, rows: Rows
     step = (high - low) / np.where(is_centred, cells, np.maximum(cells - 1, 1))
     size = np.array([one.size_m for one in anchors])
     z, yaw = np.array([one.z_m for one in anchors]), np.array([one.yaw_rad for one in anchors])
-    anchor = graph.add("Mod", likely, count)
+    anchor = graph.add_node("Mod", likely, count)
     first_xy, step_xy, anchor_z, sides, diagonal, height, anchor_yaw = (
-        graph.add("Gather", one.reshape(len(anchors), -1), anchor)
+        graph.add_node("Gather", one.reshape(len(anchors), -1), anchor)
         for one in (low + step / 2 * is_centred, step, z, size, np.hypot(size[:, 0], size[:, 1]), size[:, 2], yaw)
     )
-    numbers = graph.add("Gather", rows.boxes, likely)
-    place = graph.add("Mul", _column_row(graph, graph.add("Div", likely, count), int(cells[0])), step_xy)
-    moved = graph.add("Mul", _columns(graph, numbers, 0, 1), diagonal)
-    xy = graph.add("Add", graph.add("Add", place, first_xy), moved)
-    box_z = graph.add("Add", graph.add("Mul", _columns(graph, numbers, 2), height), anchor_z)
-    sides = graph.add("Mul", graph.add("Exp", _columns(graph, numbers, 3, 4, 5)), sides)
-    heading = graph.add("Add", _columns(graph, numbers, 6), anchor_yaw)
+    numbers = graph.add_node("Gather", rows.boxes, likely)
+    place = graph.add_node("Mul", _column_row(graph, graph.add_node("Div", likely, count), int(cells[0])), step_xy)
+    moved = graph.add_node("Mul", _columns(graph, numbers, 0, 1), diagonal)
+    xy = graph.add_node("Add", graph.add_node("Add", place, first_xy), moved)
+    box_z = graph.add_node("Add", graph.add_node("Mul", _columns(graph, numbers, 2), height), anchor_z)
+    sides = graph.add_node("Mul", graph.add_node("Exp", _columns(graph, numbers, 3, 4, 5)), sides)
+    heading = graph.add_node("Add", _columns(graph, numbers, 6), anchor_yaw)
     if rows.turns:
         part = np.array(2 * math.pi / head.directions)
-        which = graph.add("Cast", graph.add("ArgMax", graph.add("Gather", rows.turns, likely), axis=1), to=FLOAT)
-        since = graph.add("Div", graph.add("Sub", heading, np.array(head.offset_rad)), part)
-        whole = graph.add("Floor", graph.add("Add", since, np.array(head.limit)))
-        heading = graph.add("Add", heading, graph.add("Mul", graph.add("Sub", which, whole), part))
-    parts = xy, box_z, sides, graph.add("Sin", heading), graph.add("Cos", heading)
-    graph.add("Concat", *parts, axis=1, name=KIT_OUTPUTS[0])
-    graph.add("Gather", rows.classes, likely, name=KIT_OUTPUTS[1])
+        which = graph.add_node(
+            "Cast", graph.add_node("ArgMax", graph.add_node("Gather", rows.turns, likely), axis=1), to=FLOAT
+        )
+        since = graph.add_node("Div", graph.add_node("Sub", heading, np.array(head.offset_rad)), part)
+        whole = graph.add_node("Floor", graph.add_node("Add", since, np.array(head.limit)))
+        heading = graph.add_node("Add", heading, graph.add_node("Mul", graph.add_node("Sub", which, whole), part))
+    parts = xy, box_z, sides, graph.add_node("Sin", heading), graph.add_node("Cos", heading)
+    graph.add_node("Concat", *parts, axis=1, name=KIT_OUTPUTS[0])
+    graph.add_node("Gather", rows.classes, likely, name=KIT_OUTPUTS[1])
 
 
 def _add_center_boxes(graph: Graph, model: KitModel, head: CenterHead, weights: Weights, image: Image) -> None:
@@ -169,19 +171,19 @@ def _add_center_boxes(graph: Graph, model: KitModel, head: CenterHead, weights: 
             rows[branch] = by_row(own, _last(own, weights, f"{part}.{layers - 1}", made, numbers, head.kernel), numbers)
         likely = _likeliest(graph, rows[names.heat], len(classes), int(cells.prod()))
         offset, z, sides, turn, odds = (
-            graph.add("Gather", rows[branch], likely) for branch in (*names.branches, names.heat)
+            graph.add_node("Gather", rows[branch], likely) for branch in (*names.branches, names.heat)
         )
-        place = graph.add("Add", _column_row(graph, likely, int(cells[0])), offset)
-        metres = graph.add("Mul", place, np.array(grid.cell_m) * head.stride)
-        xy = graph.add("Add", metres, np.array(grid.low_m[:2]))
+        place = graph.add_node("Add", _column_row(graph, likely, int(cells[0])), offset)
+        metres = graph.add_node("Mul", place, np.array(grid.cell_m) * head.stride)
+        xy = graph.add_node("Add", metres, np.array(grid.low_m[:2]))
         sine_cosine = _columns(graph, turn, *((0, 1) if head.sine_first else (1, 0)))
-        boxes = graph.add("Concat", xy, z, graph.add("Exp", sides), sine_cosine, axis=1)
+        boxes = graph.add_node("Concat", xy, z, graph.add_node("Exp", sides), sine_cosine, axis=1)
         count, after = min(int(cells.prod()), MAX_BOXES), kinds - before - len(classes)
         beside = [np.full((count, others), UNLIKELY) for others in (before, after)]
-        found.append((boxes, graph.add("Concat", beside[0], odds, beside[1], axis=1)))
+        found.append((boxes, graph.add_node("Concat", beside[0], odds, beside[1], axis=1)))
         before += len(classes)
     for output, parts in zip(KIT_OUTPUTS, zip(*found, strict=True), strict=True):
-        graph.add("Concat", *parts, axis=0, name=output)
+        graph.add_node("Concat", *parts, axis=0, name=output)
 
 
 def _encoded(graph: Graph, model: KitModel, weights: Weights) -> Image:
@@ -191,14 +193,14 @@ def _encoded(graph: Graph, model: KitModel, weights: Weights) -> Image:
     for row, channels in enumerate(model.encoder.channels):
         width, name = channels if row == last else channels // 2, f"{model.names.encoder}.{row}"
         weight, bias = weights.take_folded((f"{name}.linear", f"{name}.norm"), (width, before), eps)
-        points = graph.add("Relu", graph.add("Add", graph.add("MatMul", points, weight.T), bias))
-        empty = graph.add("ConstantOfShape", np.array([columns * rows, width]))
-        canvas = graph.add("ScatterND", empty, KIT_INPUTS[1], points, reduction="max")
+        points = graph.add_node("Relu", graph.add_node("Add", graph.add_node("MatMul", points, weight.T), bias))
+        empty = graph.add_node("ConstantOfShape", np.array([columns * rows, width]))
+        canvas = graph.add_node("ScatterND", empty, KIT_INPUTS[1], points, reduction="max")
         if row < last:
-            points = graph.add("Concat", points, graph.add("GatherND", canvas, KIT_INPUTS[1]), axis=1)
+            points = graph.add_node("Concat", points, graph.add_node("GatherND", canvas, KIT_INPUTS[1]), axis=1)
         before = 2 * width
-    flat = graph.add("Transpose", canvas, perm=[1, 0])
-    return Image(graph.add("Reshape", flat, np.array([1, width, rows, columns])), width)
+    flat = graph.add_node("Transpose", canvas, perm=[1, 0])
+    return Image(graph.add_node("Reshape", flat, np.array([1, width, rows, columns])), width)
 
 
 def _backbone(graph: Graph, model: KitModel, weights: Weights, image: Image) -> Image:
@@ -214,14 +216,14 @@ def _backbone(graph: Graph, model: KitModel, weights: Weights, image: Image) -> 
         if up_stride < 1 or (up_stride == 1 and parts.convolves):
             side = round(1 / up_stride)
             folded = weights.take_folded(pair, (up_channels, image.channels, side, side), parts.up_eps)
-            up = graph.add("Conv", image.name, *folded, strides=[side, side])
+            up = graph.add_node("Conv", image.name, *folded, strides=[side, side])
         else:
             side = int(up_stride)
             folded = weights.take_folded(pair, (image.channels, up_channels, side, side), parts.up_eps, axis=1)
             sides = [side, side]
-            up = graph.add("ConvTranspose", image.name, *folded, strides=sides, kernel_shape=sides)
-        raised.append(graph.add("Relu", up))
-    return Image(graph.add("Concat", *raised, axis=1), sum(parts.up_channels))
+            up = graph.add_node("ConvTranspose", image.name, *folded, strides=sides, kernel_shape=sides)
+        raised.append(graph.add_node("Relu", up))
+    return Image(graph.add_node("Concat", *raised, axis=1), sum(parts.up_channels))
 
 
 def _output_cells(model: KitModel) -> I64:
@@ -248,28 +250,28 @@ def _convolved(
     """A convolution, its normalisation and a ReLU."""
     shape, has_bias = (channels, image.channels, kernel, kernel), isinstance(part, CenterHead) and part.has_bias
     folded = weights.take_folded(pair, shape, part.eps, has_bias=has_bias)
-    made = graph.add("Conv", image.name, *folded, strides=[stride, stride], pads=[kernel // 2] * 4)
-    return Image(graph.add("Relu", made), channels)
+    made = graph.add_node("Conv", image.name, *folded, strides=[stride, stride], pads=[kernel // 2] * 4)
+    return Image(graph.add_node("Relu", made), channels)
 
 
 def _last(graph: Graph, weights: Weights, name: str, image: Image, channels: int, kernel: int) -> str:
     weight = weights.take(f"{name}.weight", channels, image.channels, kernel, kernel)
-    return graph.add("Conv", image.name, weight, weights.take(f"{name}.bias", channels), pads=[kernel // 2] * 4)
+    return graph.add_node("Conv", image.name, weight, weights.take(f"{name}.bias", channels), pads=[kernel // 2] * 4)
 
 
 def _columns(graph: Graph, rows: str, *wanted: int) -> str:
-    return graph.add("Gather", rows, np.array(wanted), axis=1)
+    return graph.add_node("Gather", rows, np.array(wanted), axis=1)
 
 
 def _column_row(graph: Graph, cell: str, columns: int) -> str:
     """(K, 2) float32 column and row of cells (K,)."""
-    flat, count = graph.add("Reshape", cell, np.array([-1, 1])), np.array(columns)
-    both = graph.add("Concat", graph.add("Mod", flat, count), graph.add("Div", flat, count), axis=1)
-    return graph.add("Cast", both, to=FLOAT)
+    flat, count = graph.add_node("Reshape", cell, np.array([-1, 1])), np.array(columns)
+    both = graph.add_node("Concat", graph.add_node("Mod", flat, count), graph.add_node("Div", flat, count), axis=1)
+    return graph.add_node("Cast", both, to=FLOAT)
 
 
 def _likeliest(graph: Graph, log_odds: str, kinds: int, count: int) -> str:
     """(K,) numbers of those of `count` rows that have the likeliest classes."""
-    best = log_odds if kinds == 1 else graph.add("TopK", log_odds, np.array([1]), axis=1)
-    flat = graph.add("Reshape", best, np.array([-1]))
-    return f"{graph.add('TopK', flat, np.array([min(count, MAX_BOXES)]))}.second"
+    best = log_odds if kinds == 1 else graph.add_node("TopK", log_odds, np.array([1]), axis=1)
+    flat = graph.add_node("Reshape", best, np.array([-1]))
+    return f"{graph.add_node('TopK', flat, np.array([min(count, MAX_BOXES)]))}.second"

@@ -37,19 +37,21 @@ def onnx_bytes(network: PillarNetwork, specs: PillarSpecs, learned: Grid) -> byt
     parts: Any = network  # torch has no types for what is in its modules
     linear, norm, _ = parts.encoder
     weight = _arrays(linear)[0].T * _distance_factors(specs.grid, learned)
-    encoded = graph.add("Relu", _normalised(graph, graph.add("MatMul", "features", weight), norm))
-    empty = graph.add("ConstantOfShape", np.array([cells * cells, WIDTH]))
-    canvas = graph.add("ScatterND", empty, "pillar", encoded, reduction="max")
-    image = graph.add("Reshape", graph.add("Transpose", canvas, perm=[1, 0]), np.array([1, WIDTH, cells, cells]))
+    encoded = graph.add_node("Relu", _normalised(graph, graph.add_node("MatMul", "features", weight), norm))
+    empty = graph.add_node("ConstantOfShape", np.array([cells * cells, WIDTH]))
+    canvas = graph.add_node("ScatterND", empty, "pillar", encoded, reduction="max")
+    image = graph.add_node(
+        "Reshape", graph.add_node("Transpose", canvas, perm=[1, 0]), np.array([1, WIDTH, cells, cells])
+    )
     total = ""
     for block, (layer, norm) in zip(parts.blocks, parts.ups, strict=True):
         image = _convolutions(graph, image, block)
         sides = [*layer.stride]
-        raised = graph.add("ConvTranspose", image, *_arrays(layer), strides=sides, kernel_shape=sides)
+        raised = graph.add_node("ConvTranspose", image, *_arrays(layer), strides=sides, kernel_shape=sides)
         raised = _normalised(graph, raised, norm)
-        total = graph.add("Add", total, raised) if total else raised
-    image = _convolutions(graph, graph.add("Relu", total), network.head)
-    graph.add("Conv", image, *_arrays(network.last), name="numbers")
+        total = graph.add_node("Add", total, raised) if total else raised
+    image = _convolutions(graph, graph.add_node("Relu", total), network.head)
+    graph.add_node("Conv", image, *_arrays(network.last), name="numbers")
     side = cells // STRIDE
     inputs = (INPUTS[0], FLOAT, ("points", len(FEATURES))), (INPUTS[1], INT64, ("points", 1))
     outputs = [("numbers", FLOAT, (1, len(specs.classes) + BOX_NUMBERS, side, side))]
@@ -85,13 +87,13 @@ def _convolutions(graph: Graph, image: str, layers: Iterable[Any]) -> str:
     parts = [*layers]
     for layer, norm in zip(parts[::3], parts[1::3], strict=True):
         pads = [*layer.padding] * 2
-        image = graph.add("Conv", image, *_arrays(layer), strides=[*layer.stride], pads=pads)
-        image = graph.add("Relu", _normalised(graph, image, norm))
+        image = graph.add_node("Conv", image, *_arrays(layer), strides=[*layer.stride], pads=pads)
+        image = graph.add_node("Relu", _normalised(graph, image, norm))
     return image
 
 
 def _normalised(graph: Graph, values: str, norm: Any) -> str:
-    return graph.add("BatchNormalization", values, *_arrays(norm))
+    return graph.add_node("BatchNormalization", values, *_arrays(norm))
 
 
 def _arrays(layer: Any) -> list[Array]:

@@ -92,7 +92,7 @@ def frame(found: DatasetBoxes, *, index: int = 0, truth: DatasetBoxes | None = N
 def written(writer: DatasetWriter, *frames: DatasetFrame) -> None:
     writer.begin(SCENE)
     for one in frames:
-        writer.add(one)
+        writer.add_frame(one)
     writer.finish()
 
 

@@ -18,7 +18,7 @@ TOPICS = SITE | CAMERAS | {"/left/image", "/right/image/compressed"}
 
 def layout(topics: set[str], *, rig: Rig = RIG) -> Any:
     survey = SceneSurvey(rig)
-    survey.add(frame())
+    survey.add_frame(frame())
     return json.loads(foxglove_layout(rig, survey, topics))
 
 
@@ -73,7 +73,7 @@ def test_everything_is_switched_on_once() -> None:
 def test_the_eye_is_that_of_the_viewpoint() -> None:
     """As the panel computes it (CameraStateSettings): three.js' spherical angles, turned about x by 90 degrees."""
     survey = SceneSurvey(RIG)
-    survey.add(frame())
+    survey.add_frame(frame())
     state = json.loads(foxglove_layout(RIG, survey, SITE))["configById"]["3D!scene"]["cameraState"]
     phi, theta = np.radians(state["phi"]), -np.radians(state["thetaOffset"])
     x, y, z = np.sin(phi) * np.sin(theta), np.cos(phi), np.sin(phi) * np.cos(theta)
@@ -93,7 +93,7 @@ def test_wide_images_are_above_the_scene() -> None:
 def test_from_above_the_way_that_is_up_is_up() -> None:
     """As the panel computes it: the orthographic eye is turned about z by minus the angle, x right and y up before."""
     survey = SceneSurvey(RIG)
-    survey.add(frame())
+    survey.add_frame(frame())
     config = json.loads(foxglove_layout(RIG, survey, TOPICS))["configById"]["3D!above"]
     assert not config["cameraState"]["perspective"]
     assert not config["topics"]["/left/camera_info"]["visible"]

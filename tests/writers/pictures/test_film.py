@@ -50,7 +50,7 @@ def test_the_pace_is_that_of_the_recording(tmp_path: Path, seconds: list[float],
     times, images, tags = film(tmp_path / "a.mp4", seconds)
     assert times == shown
     scenes = Scenes(RIG, CONFIG, decode_any_image)
-    expected, _ = scenes.all_cameras(scenes.add(at(seconds[0])))
+    expected, _ = scenes.all_cameras(scenes.add_frame(at(seconds[0])))
     assert images[0].shape == (SIZE_PX[1], SIZE_PX[0], 3)
     assert psnr_db(images[0], expected) > 25
     assert tags["comment"].startswith('lidcam.film {"version": "1.2.3"')

@@ -24,7 +24,7 @@ from lidcam.writers.pictures.scene import SIZE_PX, Drawn, Scenes
 
 def drawn(result: FrameResult, rig: Rig = RIG, camera: str = "", config: Config = CONFIG) -> Drawn:
     scenes = Scenes(rig, config, decode_any_image)
-    scene = scenes.add(result)
+    scene = scenes.add_frame(result)
     return scenes.camera(scene, camera) if camera else scenes.all_cameras(scene)
 
 
@@ -94,13 +94,13 @@ def test_the_site_alone_without_cameras() -> None:
 
 def test_a_slow_camera_keeps_its_image_and_a_silent_one_does_not() -> None:
     scenes, first = Scenes(RIG, CONFIG, decode_any_image), frame(0)
-    scenes.add(first)
+    scenes.add_frame(first)
     later = frame(1)
     without = replace(later.detections, cameras={})
     messages = {topic: one for topic, one in later.bundle.messages.items() if not topic.endswith("image")}
     missing = {"/left/image": Missing.NOT_NEAR, "/right/image": Missing.SILENT}
     bundle = replace(later.bundle, messages=messages, missing=missing)
-    scene = scenes.add(replace(later, bundle=bundle, detections=without))
+    scene = scenes.add_frame(replace(later, bundle=bundle, detections=without))
     assert dict(scene.images) == {"left": first}
     now, _ = scenes.camera(scene, "left")
     before, _ = drawn(first, camera="left")
