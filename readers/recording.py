@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple, Protocol, Self
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import Channel, RawMessage
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.input_file import OpenedFile
 from lidcam.readers.location import Location
 
@@ -21,7 +21,7 @@ class ReadOptions(NamedTuple):
     # `Recording.losses` lists the rest. `full_scan`: the same, but every record is read once even if index or summary
     # seem valid, which finds messages that these do not list
     recovery: Literal["none", "as_needed", "full_scan"] = "as_needed"
-    limits: LimitsConfig = DEFAULT_LIMITS  # Memory and disk space that the recording may use
+    limits: RecordingLimits = DEFAULT_LIMITS  # Memory and disk space that the recording may use
 
 
 DEFAULT_READ_OPTIONS = ReadOptions()

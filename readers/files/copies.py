@@ -11,7 +11,7 @@ from typing import BinaryIO, NamedTuple
 import zstandard
 
 from lidcam.pipeline.core.errors import RecordingError
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.files.damage import Losses
 from lidcam.readers.files.temporary import temporary_folder
 
@@ -26,7 +26,7 @@ LOG_HEADER_BYTES, LOG_PAGE_HEADER_BYTES = 32, 24
 
 
 def unpacked(
-    path: Path, packed: BinaryIO, stack: ExitStack, losses: Losses, limits: LimitsConfig
+    path: Path, packed: BinaryIO, stack: ExitStack, losses: Losses, limits: RecordingLimits
 ) -> tuple[Path, BinaryIO]:
     """The content of a zstd-compressed file (rosbag2's compression mode `file`), as a file in a temporary folder.
 

@@ -7,7 +7,7 @@ import zstandard
 from lz4.frame import LZ4FrameDecompressor
 
 from lidcam.pipeline.core.errors import RecordingError
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.location import Location
 
 PIECE_BYTES = 1 << 22
@@ -40,7 +40,7 @@ def check_chunk_size(size: int, largest: int) -> None:
         raise ValueError(f"a chunk unpacks to more than {largest} bytes, see limit_scale")
 
 
-def check_file_size(path: Location, unpacked: int, packed: int, limits: LimitsConfig) -> None:
+def check_file_size(path: Location, unpacked: int, packed: int, limits: RecordingLimits) -> None:
     """Refuse a file of `packed` bytes whose chunks unpack to too many in one reading, each as often as it is read.
 
     Raises:

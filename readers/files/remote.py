@@ -16,7 +16,7 @@ from tempfile import TemporaryFile
 from typing import Any, BinaryIO, TypeVar, cast
 
 from lidcam.pipeline.core.errors import RecordingError, is_short_memory
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.location import RemotePath
 
 logger = logging.getLogger(__name__)
@@ -70,7 +70,7 @@ class RemoteFile(io.BufferedIOBase):
         RecordingError: it cannot be reached, does not exist, has no known size, or an extra is not installed.
     """
 
-    def __init__(self, path: RemotePath, limits: LimitsConfig = DEFAULT_LIMITS) -> None:
+    def __init__(self, path: RemotePath, limits: RecordingLimits = DEFAULT_LIMITS) -> None:
         super().__init__()
         self.path, self._limits = path, limits
         self._position = 0
@@ -219,7 +219,7 @@ class RemoteFile(io.BufferedIOBase):
         raise RuntimeError("unreachable: the last attempt returns or raises")
 
 
-def open_remote(path: RemotePath, limits: LimitsConfig = DEFAULT_LIMITS) -> tuple[RemotePath, BinaryIO]:
+def open_remote(path: RemotePath, limits: RecordingLimits = DEFAULT_LIMITS) -> tuple[RemotePath, BinaryIO]:
     """Open a file on a server; returns its path with the facts that the server gave, and a stream.
 
     Raises:

@@ -20,7 +20,7 @@ from rosbags.typesys.store import Typestore
 from lidcam.pipeline.core.errors import MessageError, is_short_memory
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.ros.typestores import known_type, known_types
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.core.text import one_line
 from lidcam.readers.messages.boundary.size_limits import count_items, size_fault
 from lidcam.readers.messages.registry import TYPES
@@ -39,7 +39,7 @@ EXACT = {"velodyne_msgs/msg/VelodyneScan", "sensor_msgs/msg/Image", "sensor_msgs
 _lock = threading.Lock()
 
 
-def deserialize(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Any:
+def deserialize(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS) -> Any:
     """The message as an object with the fields of its definition; byte and number arrays are numpy arrays.
 
     Raises:
@@ -72,7 +72,7 @@ def deserialize(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -
         ) from err
 
 
-def deserialize_as(message: RawMessage, *msgtypes: str, limits: LimitsConfig = DEFAULT_LIMITS) -> Any:
+def deserialize_as(message: RawMessage, *msgtypes: str, limits: RecordingLimits = DEFAULT_LIMITS) -> Any:
     """Like `deserialize`, for a message that must be of one of some types.
 
     Raises:

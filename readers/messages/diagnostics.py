@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize_as
 
@@ -12,7 +12,7 @@ DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 @decoder
 def decode_diagnostics(
-    message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS
+    message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS
 ) -> Mapping[str, Mapping[str, str]]:
     """The values of each status by its name; of equal names and keys the last.
 

@@ -18,7 +18,7 @@ from lidcam.pipeline.core.errors import MessageError, is_short_memory
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.ros.messages import POINT_FIELD_DATATYPES, ROS2
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.core.text import one_line
 
 Fields = dict[str, Any]
@@ -40,7 +40,7 @@ def ros_channel(channel: Channel) -> Channel:
     return Channel(channel.topic, msgtype, "cdr", ROS2.definition(msgtype), "ros2msg")
 
 
-def to_ros(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> RawMessage:
+def to_ros(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS) -> RawMessage:
     """The message as a ROS 2 message of `ros_channel`; without data and with a `problem` if it cannot be read.
 
     Its stamp is the message's timestamp; for transforms, which have a timestamp each, it is the log time.
@@ -200,7 +200,7 @@ ROS_TYPES = {schema: msgtype for schema, (msgtype, _) in _SCHEMAS.items()}
 # --- protobuf and JSON as nested mappings of plain values by field name
 
 
-def _read_fields(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Fields:
+def _read_fields(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS) -> Fields:
     """The fields that are set, by name: messages as mappings, lists as lists; for bytes see `_payload`."""
     if message.channel.encoding == "json":
         text = bytes(message.data)
@@ -218,7 +218,7 @@ def _read_fields(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) 
     return _set_fields(message_class.FromString(data))
 
 
-def _check_items(items: int, topic: str, limits: LimitsConfig) -> None:
+def _check_items(items: int, topic: str, limits: RecordingLimits) -> None:
     if items > limits.max_message_items:
         raise MessageError(f"{topic}: a message with more than {limits.max_message_items} values: raise limit_scale")
 

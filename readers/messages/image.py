@@ -8,7 +8,7 @@ from lidcam.pipeline.core.arrays import U8
 from lidcam.pipeline.core.errors import MessageError, is_short_memory
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.optics.images import Image
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.core.text import one_line
 from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize_as
@@ -28,7 +28,7 @@ from lidcam.readers.messages.tf import clean_frame
 RAW_IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 
 
-def decode_any_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS, others: int = 0) -> Image:
+def decode_any_image(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0) -> Image:
     """The image of a message of any type of images; `others` are the pixels of the frame's other images.
 
     Raises:
@@ -39,7 +39,7 @@ def decode_any_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMI
 
 
 @decoder
-def decode_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS, others: int = 0) -> Image:
+def decode_image(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0) -> Image:
     """The image of a sensor_msgs/Image in one of the encodings that `image_encodings` lists.
 
     Rows may be padded (`step`). An rgb8 image without padding is a view of the message's bytes.
@@ -70,7 +70,7 @@ def decode_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS, 
 
 
 @decoder
-def decode_compressed_image(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS, others: int = 0) -> Image:
+def decode_compressed_image(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0) -> Image:
     """The image of a CompressedImage in JPEG, PNG, WebP, AVIF, TIFF or BMP, recognised by its data.
 
     Of `format` (`jpeg`, or in image_transport's spelling `rgb8; jpeg compressed bgr8`) only the encoding before the

@@ -20,7 +20,7 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import U8
 from lidcam.pipeline.core.errors import MessageError
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 
 
 class PackedEncoding(NamedTuple):
@@ -83,7 +83,7 @@ def packed_to_rgb(pixels: U8, encoding: PackedEncoding) -> U8:
     return _convert(pixels[..., 0] if encoding.channels == 1 else pixels, encoding.conversion)
 
 
-def check_pixels(width: int, height: int, limits: LimitsConfig, topic: str, others: int = 0) -> None:
+def check_pixels(width: int, height: int, limits: RecordingLimits, topic: str, others: int = 0) -> None:
     """Refuse an image of more pixels than `limits` allow, by itself or with the `others` of its frame.
 
     Raises:

@@ -3,7 +3,7 @@
 from lidcam.pipeline.core.errors import FrameError, MessageError
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize_as
 from lidcam.readers.messages.tf import clean_frame
@@ -12,7 +12,7 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 
 
 @decoder
-def decode_odometry(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Transform:
+def decode_odometry(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS) -> Transform:
     """The pose of the child frame, which is empty if the publisher does not name it, in the frame that it moves in.
 
     Raises:

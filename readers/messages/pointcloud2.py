@@ -14,7 +14,7 @@ from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.ros.messages import POINT_FIELD_DATATYPES
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize_as
 from lidcam.readers.messages.point_time import TIME_FIELDS, point_time_offsets
@@ -39,7 +39,7 @@ _DTYPES = {number: dtype for dtype, number in POINT_FIELD_DATATYPES.items()} | {
 
 
 @decoder
-def decode_pointcloud2(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS, others: int = 0) -> PointCloud:
+def decode_pointcloud2(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0) -> PointCloud:
     """The points of a message in recorded order (organised clouds row by row), without points that are not finite.
 
     Coordinates become float32 metres: steps of 8 micrometres at 100 m, but of half a metre at 5 000 km (clouds in UTM

@@ -20,7 +20,7 @@ from lidcam.pipeline.core.errors import CalibrationError, FrameError, MessageErr
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.geometry.transform_tree import TransformTree
 from lidcam.pipeline.core.messages import Drop, RawMessage
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize_as
 from lidcam.readers.messages.registry import types_of
@@ -98,7 +98,7 @@ def tf_topics(recording: Recording) -> tuple[list[str], list[str]]:
 def decode_transforms(
     message: RawMessage,
     *,
-    limits: LimitsConfig = DEFAULT_LIMITS,
+    limits: RecordingLimits = DEFAULT_LIMITS,
     is_wanted: Callable[[str, str], bool] = lambda _parent, _child: True,
 ) -> list[tuple[int, Transform | CalibrationError, str]]:
     """The transforms of one message: stamp in ns, T_parent_child or its fault, child frame.
@@ -143,7 +143,7 @@ def read_transforms(
     *,
     start_ns: int | None = None,
     stop_ns: int | None = None,
-    limits: LimitsConfig = DEFAULT_LIMITS,
+    limits: RecordingLimits = DEFAULT_LIMITS,
 ) -> RecordedTransforms:
     """All of /tf_static, and /tf at the start of the recording and of the time window (log times; `stop_ns` excluded).
 
@@ -226,7 +226,7 @@ def _transforms(
     messages: Iterable[RawMessage],
     drops: dict[str, tuple[Drop, int]],
     names: set[str],
-    limits: LimitsConfig,
+    limits: RecordingLimits,
     *,
     is_wanted: Callable[[str, str], bool] = lambda _parent, _child: True,
 ) -> Iterator[tuple[RawMessage, Transform | CalibrationError, str]]:
@@ -245,7 +245,7 @@ def _transforms(
             drops[message.topic] = first, count + 1
 
 
-def _add_frame(child: str, names: set[str], topic: str, limits: LimitsConfig) -> None:
+def _add_frame(child: str, names: set[str], topic: str, limits: RecordingLimits) -> None:
     if child not in names and len(names) >= limits.max_frames:
         raise MessageError(f"{topic}: transforms of more than {limits.max_frames} coordinate frames: raise limit_scale")
     names.add(child)

@@ -24,7 +24,7 @@ from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.pipeline.core.ros.typestores import known_type
 from lidcam.pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, COUNT_NUMBERS, count_of
 from lidcam.pipeline.core.settings.classes import ClassPrior
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize, type_parts, typestore_for
 
@@ -68,7 +68,7 @@ def to_ros2(
     message: RawMessage,
     name_of: Callable[[int], str] = _AS_NUMBERED,
     *,
-    limits: LimitsConfig = DEFAULT_LIMITS,
+    limits: RecordingLimits = DEFAULT_LIMITS,
 ) -> RawMessage:
     """The message as CDR, with the definition that its channel needs in a file; times and order are kept.
 

@@ -18,7 +18,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import UNKNOWN_CLASS, Config
 from lidcam.pipeline.core.settings.load import load_config
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.pipeline.evaluation.evaluation_frame import SOURCES, UNKNOWN, FrameSync, Motion, ResultFrame, SourceBoxes
 from lidcam.readers.messages.diagnostics import decode_diagnostics
 from lidcam.readers.messages.objects.tracks import TRACKS, decode_tracks
@@ -191,7 +191,7 @@ class Result(Closing):
         is_predicted[at] = found.is_predicted[rows]
         return replace(source, motion=Motion(velocities, yaw_rates, is_predicted))
 
-    def _boxes(self, message: RawMessage, limits: LimitsConfig) -> Boxes2D:
+    def _boxes(self, message: RawMessage, limits: RecordingLimits) -> Boxes2D:
         found = decode_detections2d(message, self._class_ids, limits=limits)
         for reason, count in found.unused.items():
             self._unused.add_note(f"2D boxes that are not used, {reason}", count=count)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig, VelodyneConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits, VelodyneConfig
 from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.messages.image import COMPRESSED_IMAGE
@@ -37,7 +37,7 @@ class FirstMessages:
         recording: Recording,
         velodyne: VelodyneConfig | None = None,
         *,
-        limits: LimitsConfig = DEFAULT_LIMITS,
+        limits: RecordingLimits = DEFAULT_LIMITS,
     ) -> None:
         self._recording = recording
         self._limits = limits
@@ -103,7 +103,7 @@ class FirstMessages:
 
 
 @decoder
-def _first_of(message: RawMessage, limits: LimitsConfig) -> _First:
+def _first_of(message: RawMessage, limits: RecordingLimits) -> _First:
     """A message without its largest field: a rig may have hundreds of topics with large messages."""
     content = deserialize(message, limits=limits)
     size = (int(content.width), int(content.height)) if hasattr(content, "width") else None

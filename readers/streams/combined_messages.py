@@ -14,7 +14,7 @@ from rosbags.interfaces import Nodetype
 
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize, typestore_for
 from lidcam.readers.messages.header_stamp import stamp_or_log_time
@@ -35,7 +35,7 @@ Parts = Mapping[tuple[str, int], Channel]
 """Channel of each part, by (field, index from 0)."""
 
 
-def find_combined(recording: Recording, *, limits: LimitsConfig = DEFAULT_LIMITS) -> dict[Channel, Parts]:
+def find_combined(recording: Recording, *, limits: RecordingLimits = DEFAULT_LIMITS) -> dict[Channel, Parts]:
     """Channels of combined messages, with the parts found in their first messages.
 
     Raises:
@@ -48,7 +48,7 @@ def find_combined(recording: Recording, *, limits: LimitsConfig = DEFAULT_LIMITS
 
 
 def split(
-    message: RawMessage, parts: Parts, wanted: Container[str], *, limits: LimitsConfig = DEFAULT_LIMITS
+    message: RawMessage, parts: Parts, wanted: Container[str], *, limits: RecordingLimits = DEFAULT_LIMITS
 ) -> Iterator[RawMessage]:
     """The parts of a message on the topics `wanted`, in the order of its fields and lists, with its log time.
 
@@ -65,7 +65,7 @@ def split(
 
 
 @decoder
-def _split(message: RawMessage, parts: Parts, wanted: Container[str], limits: LimitsConfig) -> list[RawMessage]:
+def _split(message: RawMessage, parts: Parts, wanted: Container[str], limits: RecordingLimits) -> list[RawMessage]:
     whole, store = deserialize(message, limits=limits), typestore_for(message.channel)
     serialize = store.serialize_ros1 if message.channel.encoding == "ros1" else store.serialize_cdr
     found = []
@@ -91,7 +91,7 @@ def _lists(channel: Channel) -> dict[str, str]:
     return {name: str(item[1]) for name, item in lists.items() if item[0] == Nodetype.NAME and item[1] in PART_TYPES}
 
 
-def _parts(channel: Channel, fields: dict[str, str], recording: Recording, limits: LimitsConfig) -> Parts:
+def _parts(channel: Channel, fields: dict[str, str], recording: Recording, limits: RecordingLimits) -> Parts:
     counts = dict.fromkeys(fields, 0)
     same = (message for message in recording.messages([channel.topic]) if message.channel == channel)
     for message in islice(same, PROBED):

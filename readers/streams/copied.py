@@ -10,7 +10,7 @@ from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.messages import Drop, RawMessage, time_fault
 from lidcam.pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER
 from lidcam.pipeline.core.settings.classes import ClassPrior
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.core.true_boxes import TrueBoxes
 from lidcam.readers.messages.to_ros2 import name_of_number, to_ros2
 from lidcam.readers.messages.vision.detections3d import decode_detections3d
@@ -48,7 +48,7 @@ class CopiedMessages:
         classes: Sequence[ClassPrior] = (),
         *,
         drawn: Collection[str] = (),
-        limits: LimitsConfig = DEFAULT_LIMITS,
+        limits: RecordingLimits = DEFAULT_LIMITS,
         on_drop: Callable[[Drop], None] = lambda _: None,
         on_bad: Callable[[Drop], None] = lambda _: None,
     ) -> None:

@@ -20,7 +20,7 @@ from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import Drop, RawMessage, time_fault
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.odometry import ODOMETRY, decode_odometry
 from lidcam.readers.messages.tf import TF_TYPES, RecordedTransforms, clean_frame, decode_transforms, tf_topics
 from lidcam.readers.recording import Recording
@@ -207,7 +207,7 @@ class MotionBuffer:
         self,
         source: MotionSource | None,
         *,
-        limits: LimitsConfig = DEFAULT_LIMITS,
+        limits: RecordingLimits = DEFAULT_LIMITS,
         on_drop: Callable[[Drop], None] = lambda _: None,
     ) -> None:
         """Without a source the site stands still: no topics, no poses."""

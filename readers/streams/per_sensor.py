@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from lidcam.pipeline.core.messages import Channel, RawMessage
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.foxglove import ROS_TYPES, ros_channel, to_ros
 from lidcam.readers.recording import Closing, Loss, Recording, TopicInfo, merge_topics
 from lidcam.readers.streams.combined_messages import Parts, find_combined, split
@@ -18,7 +18,7 @@ from lidcam.readers.velodyne.sweeps import PAUSE_NS, gather_sweeps
 from lidcam.readers.video.packets import VIDEO, missing_decoder
 
 
-def sensor_messages(recording: Recording, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Recording:
+def sensor_messages(recording: Recording, *, limits: RecordingLimits = DEFAULT_LIMITS) -> Recording:
     """The recording with one topic and a ROS type for every sensor; closing it closes `recording`.
 
     Raises:
@@ -43,7 +43,7 @@ def _problem(channel: Channel) -> str:
 class _SensorMessages(Closing):
     """See `Recording`; `message_count` counts a combined message once."""
 
-    def __init__(self, recording: Recording, combined: Mapping[Channel, Parts], limits: LimitsConfig) -> None:
+    def __init__(self, recording: Recording, combined: Mapping[Channel, Parts], limits: RecordingLimits) -> None:
         channels = {channel for info in recording.topics for channel in info.channels}
         packets = {channel for channel in channels if channel.msgtype == PACKET}
         self._recording = recording

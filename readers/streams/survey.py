@@ -9,7 +9,7 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64
 from lidcam.pipeline.core.messages import time_fault
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.deserialize import definition_problem
 from lidcam.readers.recording import Recording, TopicInfo
 
@@ -41,7 +41,7 @@ class TopicSurvey:
 
 
 def survey(
-    recording: Recording, *, stop_ns: int | None = None, limits: LimitsConfig = DEFAULT_LIMITS
+    recording: Recording, *, stop_ns: int | None = None, limits: RecordingLimits = DEFAULT_LIMITS
 ) -> tuple[TopicSurvey, ...]:
     """All topics by name; with `stop_ns`, everything but the counts covers only messages recorded before that time.
 

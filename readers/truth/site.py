@@ -13,7 +13,7 @@ from lidcam.pipeline.core.geometry.poses import interpolate_poses
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.pipeline.evaluation.evaluation_frame import TruthBoxes3D
 from lidcam.readers.messages.tf import RecordedTransforms, read_transforms, tf_topics
 from lidcam.readers.recording import Recording
@@ -122,7 +122,7 @@ class _Motion:
     """The motion of the site frame in one frame, read as it is needed; T_frame_fixed leads to it from the source's."""
 
     def __init__(
-        self, recording: Recording, source: MotionSource, T_frame_fixed: Transform, limits: LimitsConfig
+        self, recording: Recording, source: MotionSource, T_frame_fixed: Transform, limits: RecordingLimits
     ) -> None:
         self._buffer = MotionBuffer(source, limits=limits)
         self._messages = recording.messages(source.topics)

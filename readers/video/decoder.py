@@ -15,7 +15,7 @@ from av.codec.context import Flags
 from lidcam.pipeline.core.errors import MessageError, is_short_memory
 from lidcam.pipeline.core.messages import Channel, RawMessage, time_fault
 from lidcam.pipeline.core.ros.messages import ROS2
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.core.text import one_line
 from lidcam.readers.messages.image import COMPRESSED_IMAGE
 from lidcam.readers.video.h264_gaps import GapFinder
@@ -40,7 +40,7 @@ class VideoDecoder:
     With B-frames messages are returned later, each with the image of its packet.
     """
 
-    def __init__(self, topic: str, *, limits: LimitsConfig = DEFAULT_LIMITS) -> None:
+    def __init__(self, topic: str, *, limits: RecordingLimits = DEFAULT_LIMITS) -> None:
         self._channel = Channel(topic, COMPRESSED_IMAGE, "cdr", ROS2.definition(COMPRESSED_IMAGE), "ros2msg")
         self._max_pixels = min(MAX_PIXELS, round(limits.max_image_mpx * 1e6))
         self._codec = ""

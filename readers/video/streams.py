@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.frame import Missing, SensorBundle
 from lidcam.pipeline.core.messages import Drop, RawMessage
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.image import decode_any_image
 from lidcam.readers.recording import Recording
 from lidcam.readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VIDEO, read_packet
@@ -42,7 +42,7 @@ def video_topics(recording: Recording, topics: Collection[str]) -> tuple[str, ..
 
 
 def first_image_size(
-    messages: Iterable[RawMessage], *, limits: LimitsConfig = DEFAULT_LIMITS
+    messages: Iterable[RawMessage], *, limits: RecordingLimits = DEFAULT_LIMITS
 ) -> tuple[int, int] | None:
     """(width, height) in pixels of a video topic's first image; None if the first messages give none."""
     decoder: VideoDecoder | None = None
@@ -58,7 +58,7 @@ def first_image_size(
 class VideoStreams:
     """The video topics of one pass over a recording."""
 
-    def __init__(self, topics: Iterable[str], *, limits: LimitsConfig = DEFAULT_LIMITS) -> None:
+    def __init__(self, topics: Iterable[str], *, limits: RecordingLimits = DEFAULT_LIMITS) -> None:
         self._decoders = {topic: _decoder(topic, limits) for topic in topics}
         self._looked_back = False
 
@@ -130,7 +130,7 @@ class VideoStreams:
         return Drop(message.topic, message.stamp_ns, "cannot be decoded", message.problem)
 
 
-def _decoder(topic: str, limits: LimitsConfig) -> "VideoDecoder":
+def _decoder(topic: str, limits: RecordingLimits) -> "VideoDecoder":
     from lidcam.readers.video.decoder import VideoDecoder  # needs PyAV, which is optional
 
     return VideoDecoder(topic, limits=limits)

@@ -32,7 +32,7 @@ from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.rig import RecordedDetector, Rig
 from lidcam.pipeline.core.ros.typestores import message_types
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.pipeline.stages.detect3d import Recorded3D
 from lidcam.readers.messages.camera_info import camera_model, rectified_camera_model
 from lidcam.readers.messages.deserialize import definition_problem, deserialize, typestore_for
@@ -54,7 +54,7 @@ T0 = 1_700_000_000 * 10**9
 Encoding = Literal["ros1", "cdr"]
 ENCODINGS: tuple[Encoding, ...] = ("ros1", "cdr")
 
-LIMITS = LimitsConfig(
+LIMITS = RecordingLimits(
     max_unpacked_file_gib=0.05,
     max_chunk_mib=4,
     max_message_mib=2,

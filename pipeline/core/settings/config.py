@@ -17,7 +17,7 @@ from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.core.settings.model import Positive, SettingsModel
 from lidcam.pipeline.core.settings.recording import (
     DEFAULT_LIMITS,
-    LimitsConfig,
+    RecordingLimits,
     RigConfig,
     TopicsConfig,
     VelodyneConfig,
@@ -99,7 +99,7 @@ class Config(SettingsModel):
         return self
 
     @property
-    def limits(self) -> LimitsConfig:
+    def limits(self) -> RecordingLimits:
         """The limits of a recording, scaled."""
         return DEFAULT_LIMITS.scaled(self.limit_scale)
 

@@ -91,7 +91,7 @@ class VelodyneConfig(VelodyneLidarConfig):
 
 
 @dataclass(frozen=True, slots=True)
-class LimitsConfig:
+class RecordingLimits:
     """Limits that keep a hostile recording from filling memory or disk; valid recordings stay far below them.
 
     Anything beyond a limit is treated as damage. The setting `limit_scale` multiplies them all.
@@ -162,4 +162,4 @@ class LimitsConfig:
         return max(round(self.max_unpacked_file_gib * 2**30), 20 * file_bytes)
 
 
-DEFAULT_LIMITS = LimitsConfig()
+DEFAULT_LIMITS = RecordingLimits()

@@ -12,7 +12,7 @@ from typing import BinaryIO, NamedTuple
 import zstandard
 from mcap.opcode import Opcode
 
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.files.chunked import Entry
 from lidcam.readers.files.container import read_exactly
 from lidcam.readers.files.decompress import check_chunk_size, check_complete, unpack
@@ -62,7 +62,7 @@ class ChunkHead(NamedTuple):
     size: int
 
 
-def load_chunk(stream: BinaryIO, position: int, limits: LimitsConfig, *, size: int | None = None) -> bytes:
+def load_chunk(stream: BinaryIO, position: int, limits: RecordingLimits, *, size: int | None = None) -> bytes:
     """The records of the chunk at `position`, decompressed, their checksum verified. `size` is that of the index.
 
     Raises:
@@ -125,7 +125,7 @@ def _unpacked(stream: BinaryIO, head: ChunkHead, largest: int) -> bytes:
     return zstandard.decompress(data, head.uncompressed_size)
 
 
-def records_in(chunk: bytes, limits: LimitsConfig) -> Iterator[tuple[int, int, int]]:
+def records_in(chunk: bytes, limits: RecordingLimits) -> Iterator[tuple[int, int, int]]:
     """Opcode, start and size of the content of each record in a chunk.
 
     Raises:

@@ -9,7 +9,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema, Statistics
 
 from lidcam.pipeline.core.errors import RecordingError
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.files.chunked import ChunkPlace, Entry
 from lidcam.readers.files.container import read_exactly
 from lidcam.readers.files.damage import LIBRARY_ERRORS, Losses
@@ -29,7 +29,7 @@ from lidcam.readers.files.mcap.records import (
 )
 
 
-def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: LimitsConfig) -> Contents:
+def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: RecordingLimits) -> Contents:
     """The contents, found by reading the whole file once; one chunk at a time is in memory.
 
     `because` says why the summary is invalid, for a file without other damage; it is empty if it may be valid.
@@ -47,7 +47,7 @@ def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: 
 class _Scan:
     """Reads one record after the other; after damage it searches for the next one."""
 
-    def __init__(self, stream: BinaryIO, end: int, losses: Losses, limits: LimitsConfig) -> None:
+    def __init__(self, stream: BinaryIO, end: int, losses: Losses, limits: RecordingLimits) -> None:
         self.contents = Contents()
         self._stream = stream
         self._end = end

@@ -7,7 +7,7 @@ from io import BytesIO
 from itertools import islice
 from typing import BinaryIO, NamedTuple
 
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 
 MAGIC_BYTES = 13
 """The first record begins behind these."""
@@ -157,7 +157,7 @@ def _records_of(stream: BinaryIO, begin: int, end: int) -> Iterator[Record]:
         position, record = record.end, following
 
 
-def contents_of_chunk(records: bytes, limits: LimitsConfig) -> list[Record]:
+def contents_of_chunk(records: bytes, limits: RecordingLimits) -> list[Record]:
     """The messages and connections of an unpacked chunk; damage is passed over.
 
     Raises:

@@ -4,7 +4,7 @@ from collections import Counter, defaultdict
 from io import BytesIO
 from typing import BinaryIO
 
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.files.chunked import ChunkPlace
 from lidcam.readers.files.damage import Losses
 from lidcam.readers.files.decompress import check_complete, check_file_size, compression_of, unpack
@@ -30,7 +30,7 @@ MAX_RUN_BYTES = 4 << 20
 CUT_INDEX = "the index at the end of the file is cut off; the messages were found by reading the whole file"
 
 
-def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: LimitsConfig) -> Contents:
+def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: RecordingLimits) -> Contents:
     """The contents, found by reading the whole file once; one chunk at a time is in memory.
 
     `because` says why the index is invalid, for a file without other damage; it is empty if it may be valid.
@@ -48,7 +48,7 @@ class _Scan:
     index after it are counted under one position.
     """
 
-    def __init__(self, stream: BinaryIO, end: int, losses: Losses, limits: LimitsConfig) -> None:
+    def __init__(self, stream: BinaryIO, end: int, losses: Losses, limits: RecordingLimits) -> None:
         self.contents = Contents()
         self._stream = stream
         self._losses = losses

@@ -11,7 +11,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize_as
 from lidcam.readers.messages.objects.found import (
@@ -41,7 +41,7 @@ _YAW = 35
 
 @decoder
 def decode_detected_objects(
-    message: RawMessage, classes: ObjectClasses, *, limits: LimitsConfig = DEFAULT_LIMITS
+    message: RawMessage, classes: ObjectClasses, *, limits: RecordingLimits = DEFAULT_LIMITS
 ) -> FoundObjects:
     """The objects of a message.
 

@@ -11,7 +11,7 @@ from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.geometry.posed_boxes import PosedBoxes
 from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.pipeline.detectors.onnx.class_names import COCO_LABELS
 from lidcam.readers.messages.tf import clean_frame
 
@@ -56,7 +56,7 @@ class ObjectClasses:
         return self._ids.get(name)
 
 
-def check_boxes(boxes: Sequence[Any], topic: str, limits: LimitsConfig) -> int:
+def check_boxes(boxes: Sequence[Any], topic: str, limits: RecordingLimits) -> int:
     """The number of boxes of a message.
 
     Raises:

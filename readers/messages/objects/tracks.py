@@ -9,7 +9,7 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import Bools, check_array
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
 from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize_as
@@ -46,7 +46,7 @@ class FoundTracks:
 
 
 @decoder
-def decode_tracks(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> FoundTracks:
+def decode_tracks(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS) -> FoundTracks:
     """The tracks of a message; of several with one number, the first.
 
     Raises:

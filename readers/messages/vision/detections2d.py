@@ -19,7 +19,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F32, F64, Bools
 from lidcam.pipeline.core.detections import Boxes2D
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.evaluation.evaluation_frame import Names
 from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.tf import clean_frame
@@ -46,7 +46,7 @@ def decode_detections2d(
     *,
     class_names: Sequence[str] = (),
     other_class_id: int | None = None,
-    limits: LimitsConfig = DEFAULT_LIMITS,
+    limits: RecordingLimits = DEFAULT_LIMITS,
 ) -> Detections2D:
     """The boxes of a message, each with the class of its best hypothesis (of equal scores the first).
 

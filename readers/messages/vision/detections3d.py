@@ -19,7 +19,7 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64, check_array
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.evaluation.evaluation_frame import Names
 from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.objects.found import FoundObjects, ObjectClasses, found_objects
@@ -72,7 +72,7 @@ class Detections3D:
 
 
 @decoder
-def decode_detections3d(message: RawMessage, *, limits: LimitsConfig = DEFAULT_LIMITS) -> Detections3D:
+def decode_detections3d(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS) -> Detections3D:
     """The boxes of a message, each with the class of its best hypothesis (of equal scores the first).
 
     Raises:
@@ -83,7 +83,7 @@ def decode_detections3d(message: RawMessage, *, limits: LimitsConfig = DEFAULT_L
 
 @decoder
 def decode_detected_boxes(
-    message: RawMessage, classes: ObjectClasses, *, limits: LimitsConfig = DEFAULT_LIMITS
+    message: RawMessage, classes: ObjectClasses, *, limits: RecordingLimits = DEFAULT_LIMITS
 ) -> FoundObjects:
     """The objects of a message, each with the class, score and covariance of its best hypothesis.
 

@@ -9,7 +9,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64, Indices
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.ros.vision_numbers import count_of
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.messages.deserialize import deserialize_as
 from lidcam.readers.messages.objects.found import check_boxes
 
@@ -31,7 +31,7 @@ class BoxRows(NamedTuple):
 
 
 def box_rows(
-    message: RawMessage, msgtype: str, box_of: Callable[[Any], Sequence[float]], numbers: int, limits: LimitsConfig
+    message: RawMessage, msgtype: str, box_of: Callable[[Any], Sequence[float]], numbers: int, limits: RecordingLimits
 ) -> BoxRows:
     """The content of an array of boxes: of each the `numbers` that `box_of` takes from its decoded `bbox`.
 

@@ -14,7 +14,7 @@ from memory_recording import MemoryRecording
 
 from lidcam.pipeline.core.errors import FrameError, MessageError, RecordingError
 from lidcam.pipeline.core.messages import Channel, RawMessage
-from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, LimitsConfig
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.files.damage import Losses
 from lidcam.readers.messages.deserialize import definition_problem, deserialize
 from lidcam.readers.messages.tf import read_transforms
@@ -44,7 +44,9 @@ def states(count: int, encoding: Encoding = "cdr", *, frame_id: str = "odom") ->
     ]
 
 
-def read(path: Path, limits: LimitsConfig = DEFAULT_LIMITS, *, thorough: bool = False) -> tuple[list[int], list[str]]:
+def read(
+    path: Path, limits: RecordingLimits = DEFAULT_LIMITS, *, thorough: bool = False
+) -> tuple[list[int], list[str]]:
     """Log times that are read, and what was lost."""
     with open_recording([path], ReadOptions("full_scan" if thorough else "as_needed", limits)) as recording:
         times = [message.log_time_ns for message in recording.messages()]
@@ -67,7 +69,7 @@ def test_a_file_that_would_fill_the_disk(tmp_path: Path, recovery: Literal["as_n
         at_most(10),
         pytest.raises(RecordingError, match=r"a\.mcap\.zstd: unpacks to more than .* raise limit_scale"),
     ):
-        open_recording([path], ReadOptions(recovery, LimitsConfig(max_unpacked_file_gib=0.01)))
+        open_recording([path], ReadOptions(recovery, RecordingLimits(max_unpacked_file_gib=0.01)))
 
 
 @pytest.mark.parametrize("says_size", [True, False])
@@ -81,7 +83,7 @@ def test_a_message_that_unpacks_to_too_much(
         bomb = bomb._replace(data=zstandard.compress(bytes(64 * MIB)))
     write_rosbag2(tmp_path / "rec", [small, bomb, last], plugin)
     with at_most(12):
-        times, losses = read(tmp_path / "rec", LimitsConfig(max_message_mib=2))
+        times, losses = read(tmp_path / "rec", RecordingLimits(max_message_mib=2))
     assert times == [1, 3]
     assert len(losses) == 1
     assert ("limit_scale" in losses[0]) == says_size
@@ -98,7 +100,7 @@ def test_a_message_that_is_too_large(tmp_path: Path, kind: str) -> None:
         write_mcap(path, messages, use_chunking=False)
     else:
         write_rosbag2(path, messages)
-    times, losses = read(path, LimitsConfig(max_message_mib=1))
+    times, losses = read(path, RecordingLimits(max_message_mib=1))
     assert times == [1, 3]
     assert "limit_scale" in losses[-1]
 
@@ -110,7 +112,7 @@ def test_a_message_that_is_too_large(tmp_path: Path, kind: str) -> None:
 def test_a_chunk_of_too_many_messages(tmp_path: Path, how: Literal["none", "zstd"]) -> None:
     path = tmp_path / "a.mcap"
     write_mcap(path, states(50), how, chunk_bytes=20_000)
-    limits = LimitsConfig(max_messages_per_chunk=20)
+    limits = RecordingLimits(max_messages_per_chunk=20)
     for thorough in (False, True):
         times, losses = read(path, limits, thorough=thorough)
         assert len(times) < 50
@@ -131,13 +133,13 @@ def test_chunks_that_unpack_to_too_much(tmp_path: Path, kind: str, how: str) -> 
         write_mcap(path, messages, "zstd", chunk_bytes=(35 if takes_turns else 2) * MIB)
     if how == "cut":
         path.write_bytes(path.read_bytes()[:-1])
-    limits = LimitsConfig(max_unpacked_file_gib=(150 if takes_turns else 16) / 1024)
+    limits = RecordingLimits(max_unpacked_file_gib=(150 if takes_turns else 16) / 1024)
     with pytest.raises(RecordingError, match=r"a: chunks of \d+ bytes unpack to more.* raise limit_scale"):
         read(path, limits)
 
 
 def test_more_messages_than_memory_holds(tmp_path: Path) -> None:
-    few = LimitsConfig(max_messages_in_memory=30, max_positions_waiting=30)
+    few = RecordingLimits(max_messages_in_memory=30, max_positions_waiting=30)
     write_mcap(tmp_path / "loose.mcap", states(50), use_chunking=False)
     overlapping = [m._replace(log_time_ns=i % 5) for i, m in enumerate(states(50))]
     write_mcap(tmp_path / "overlapping.mcap", overlapping, chunk_bytes=3000)
@@ -152,11 +154,11 @@ def test_too_many_topics(tmp_path: Path) -> None:
     messages = [m._replace(channel=replace(m.channel, topic=f"/{i}")) for i, m in enumerate(states(30))]
     write_mcap(tmp_path / "a.mcap", messages)
     with pytest.raises(RecordingError, match=r"a\.mcap: 30 topics, expected at most 20: raise limit_scale"):
-        open_recording([tmp_path / "a.mcap"], ReadOptions(limits=LimitsConfig(max_topics=20)))
+        open_recording([tmp_path / "a.mcap"], ReadOptions(limits=RecordingLimits(max_topics=20)))
 
 
 def test_losses_are_added_up() -> None:
-    losses = Losses(Path("a"), ReadOptions(limits=LimitsConfig(max_losses_listed=2)))
+    losses = Losses(Path("a"), ReadOptions(limits=RecordingLimits(max_losses_listed=2)))
     for _ in range(2):
         for position in range(5):
             losses.note(position, "gone", size=10, messages=None if position == 4 else 1)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from lidcam.pipeline.core.arrays import Array
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.optics.images import Image
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.messages.image import decode_compressed_image
 from lidcam.readers.messages.image_header import image_size
 
@@ -131,7 +131,7 @@ def test_the_size_is_that_of_the_decoded_image(width: int, height: int, suffix: 
 def test_an_image_that_is_too_large_is_not_unpacked(suffix: str) -> None:
     data = plain(1100, 1000, suffix)
     with pytest.raises(MessageError, match=r"/compressed: an image of 1100 x 1000 px, .* limit_scale"):
-        decode(data, limits=LimitsConfig(max_image_mpx=1))
+        decode(data, limits=RecordingLimits(max_image_mpx=1))
     assert decode(data).rgb.shape == (1000, 1100, 3)
 
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.messages.camera_info import camera_model
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.messages.foxglove import _message_class, _read_fields, to_ros
@@ -219,9 +219,9 @@ def transforms_of(count: int, encoding: Encoding) -> RawMessage:
 @both
 def test_more_values_than_a_message_may_hold(encoding: Encoding) -> None:
     message = transforms_of(100, encoding)
-    assert len(_read_fields(message, limits=LimitsConfig(max_message_items=2000))["transforms"]) == 100
+    assert len(_read_fields(message, limits=RecordingLimits(max_message_items=2000))["transforms"]) == 100
     with pytest.raises(MessageError, match=r"more than 99 values: raise limit_scale"):
-        _read_fields(message, limits=LimitsConfig(max_message_items=99))
+        _read_fields(message, limits=RecordingLimits(max_message_items=99))
 
 
 def test_a_small_message_that_would_be_large_once_it_is_read() -> None:

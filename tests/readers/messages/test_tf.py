@@ -6,7 +6,7 @@ from memory_recording import MemoryRecording
 import lidcam.readers.messages.tf as tf_module
 from lidcam.pipeline.core.errors import FrameError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.messages.tf import decode_transforms, read_transforms
 
 SECOND = 10**9
@@ -125,7 +125,7 @@ def test_an_undecodable_message_is_counted() -> None:
 def test_more_frames_than_transforms_may_name() -> None:
     links = [transform_stamped("base", f"f{i}", stamp_ns=1) for i in range(5)]
     messages = [tf("/tf_static", link, at_s=i) for i, link in enumerate([*links, links[0]], 1)]
-    found = read_transforms(MemoryRecording(messages), limits=LimitsConfig(max_frames=3))
+    found = read_transforms(MemoryRecording(messages), limits=RecordingLimits(max_frames=3))
     assert {frame for frame in found.fixed.frames if frame != "base"} == {"f0", "f1", "f2"}
     ((drop, count),) = found.drops
     assert drop.detail == "/tf_static: transforms of more than 3 coordinate frames: raise limit_scale"

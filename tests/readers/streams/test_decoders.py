@@ -11,7 +11,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.streams.decoders import CloudDecoder, ImageDecoder, RecordedBoxes
 
 TOPIC = "/velodyne_packets"
@@ -131,7 +131,7 @@ DEFAULT_LIMITS = "lidcam.pipeline.core.settings.config.DEFAULT_LIMITS"
 
 
 def test_the_clouds_of_a_frame_share_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(DEFAULT_LIMITS, LimitsConfig(max_points=50, max_frame_points=60))
+    monkeypatch.setattr(DEFAULT_LIMITS, RecordingLimits(max_points=50, max_frame_points=60))
     config = Config()
     found = CloudDecoder(lidars(4), config, on_bad="skip")(clouds(40, 51, 30, 20))
     assert {name: len(cloud) for name, cloud in found.items()} == {"l0": 40, "l3": 20}
@@ -144,7 +144,7 @@ def test_the_clouds_of_a_frame_share_a_limit(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_the_images_of_a_frame_share_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(DEFAULT_LIMITS, LimitsConfig(max_frame_mpx=1e-4))
+    monkeypatch.setattr(DEFAULT_LIMITS, RecordingLimits(max_frame_mpx=1e-4))
     model = CameraModel("c", 10, 10, np.eye(3), "plumb_bob", np.zeros(5))
     cameras = tuple(CameraSensor(f"c{i}", f"/c{i}", "", model, Transform.identity("c", "site")) for i in range(3))
     images = [image(np.zeros((height, 10, 3), np.uint8), stamp_ns=1) for height in (8, 9, 2)]

@@ -7,7 +7,7 @@ from memory_recording import MemoryRecording
 
 from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.streams.survey import survey
 
 SECOND_NS = 1_000_000_000
@@ -57,7 +57,7 @@ def test_what_cannot_be_a_time_is_told_and_in_no_figure(wrong: tuple[int, int]) 
 
 def test_times_of_no_more_messages_than_may_be_in_memory(caplog: pytest.LogCaptureFixture) -> None:
     recording = MemoryRecording(messages(np.arange(10) * 10**8))
-    limits = LimitsConfig(max_messages_in_memory=4)
+    limits = RecordingLimits(max_messages_in_memory=4)
     (found,) = survey(recording, limits=limits)
     assert (found.count, round(found.rate_hz)) == (10, 10)
     assert caplog.messages == ["rates, gaps and delays are those of the first 4 messages: raise limit_scale"]

@@ -7,7 +7,7 @@ import pytest
 from video import CODECS, PERIOD_NS, T0, encode, ffmpeg, ffmpeg_packet, foxglove, moving, pixels, psnr_db
 
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.video.decoder import MAX_HELD, VideoDecoder
 from lidcam.readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME
 
@@ -144,5 +144,5 @@ def test_packets_that_give_no_image_do_not_pile_up() -> None:
 def test_the_settings_bound_the_size() -> None:
     messages = foxglove(encode(moving(2, 160, 120)))
     for mpx, is_shown in ((0.1, True), (0.01, False)):
-        decoder = VideoDecoder(messages[0].topic, limits=LimitsConfig(max_image_mpx=mpx))
+        decoder = VideoDecoder(messages[0].topic, limits=RecordingLimits(max_image_mpx=mpx))
         assert [not found.problem for message in messages for found in decoder.add_message(message)] == [is_shown] * 2

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.messages.objects.autoware import DETECTED_OBJECTS, decode_detected_objects
 from lidcam.readers.messages.objects.found import FoundObjects, ObjectClasses
 from lidcam.readers.messages.vision.detections3d import decode_detected_boxes
@@ -116,4 +116,4 @@ def test_score_and_covariance_are_those_of_the_best_hypothesis() -> None:
 def test_too_many_boxes() -> None:
     many = builders.raw("/o", "vision_msgs/msg/Detection3DArray", {"detections": [{"bbox": BOX}] * 4}, 5)
     with pytest.raises(MessageError, match=r"/o: 4 boxes, expected at most 3: raise limit_scale"):
-        decode_detected_boxes(many, CLASSES, limits=LimitsConfig(max_boxes=3))
+        decode_detected_boxes(many, CLASSES, limits=RecordingLimits(max_boxes=3))

@@ -9,7 +9,7 @@ import pytest
 from track_messages import track, track_array
 
 from lidcam.pipeline.core.errors import MessageError
-from lidcam.pipeline.core.settings.recording import LimitsConfig
+from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.messages.objects.tracks import decode_tracks
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -55,7 +55,7 @@ def test_tracks_that_cannot_be_used_are_counted(bad: dict[str, Any], reason: str
 def test_messages_that_are_none() -> None:
     many = track_array([track(number) for number in range(1, 4)], stamp_ns=STAMP_NS)
     with pytest.raises(MessageError, match=r"/tracks: 3 boxes, expected at most 2"):
-        decode_tracks(many, limits=LimitsConfig(max_boxes=2))
+        decode_tracks(many, limits=RecordingLimits(max_boxes=2))
     with pytest.raises(MessageError, match="are not a valid lidcam_msgs/msg/TrackArray"):
         decode_tracks(many._replace(data=many.data[:-9]))
     with pytest.raises(MessageError, match="expected lidcam_msgs/msg/TrackArray, found sensor_msgs/msg/Image"):
