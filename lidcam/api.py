@@ -135,8 +135,8 @@ def process(
     job = make_job(recording, output, **options)
     with ExitStack() as stack:
         collector = ObjectCollector(on_frame, _progress_bar(stack) if progress else None)
-        report = process_recording(job, collector)
-    return RunResult(report, collector.objects)
+        summary = process_recording(job, collector)
+    return RunResult(summary, collector.objects)
 
 
 def _progress_bar(stack: ExitStack) -> RunObserver:
@@ -174,7 +174,7 @@ def inspect(
 
 
 def load(result: FilePath) -> RunResult:
-    """A run, read back from the .mcap file that it wrote: the same objects, and the report but for times of the clock.
+    """A run, read back from the .mcap file that it wrote: the same objects, and the summary but for times of the clock.
 
     Raises:
         RecordingError: it cannot be read, or is no result of lidcam.

@@ -54,24 +54,24 @@ class JobRecord:
         return all(size_of(name) == size for name, size in (self.outputs or {}).items())
 
 
-def with_report(record: JobRecord, report: RunSummary) -> JobRecord:
-    """The record of a job that has ended with this report."""
+def with_summary(record: JobRecord, summary: RunSummary) -> JobRecord:
+    """The record of a job that has ended with this summary."""
     objects: Counter[str] = Counter()
-    for (class_name, _), count in report.frames.objects.items():
+    for (class_name, _), count in summary.frames.objects.items():
         objects[class_name] += count
     return replace(
         record,
-        state="incomplete" if report.incomplete else "done",
-        exit_code=3 if report.incomplete else 0,
-        message="; ".join(report.incomplete),
-        frames=report.frames.count,
+        state="incomplete" if summary.incomplete else "done",
+        exit_code=3 if summary.incomplete else 0,
+        message="; ".join(summary.incomplete),
+        frames=summary.frames.count,
         objects=dict(sorted(objects.items())),
-        dropped=sum(drop.count for drop in report.drops.messages),
-        skew_max_ms=report.frames.skew_max_ms,
-        lacking={sensor.sensor: sensor.frames for sensor in report.sensors.missing},
-        sha256=tuple(file.sha256 for file in report.inputs.files if file.sha256),
-        settings=report.settings.name,
-        settings_sha256=report.settings_sha256,
+        dropped=sum(drop.count for drop in summary.drops.messages),
+        skew_max_ms=summary.frames.skew_max_ms,
+        lacking={sensor.sensor: sensor.frames for sensor in summary.sensors.missing},
+        sha256=tuple(file.sha256 for file in summary.inputs.files if file.sha256),
+        settings=summary.settings.name,
+        settings_sha256=summary.settings_sha256,
         version=version("lidcam"),
     )
 

@@ -149,7 +149,7 @@ def run_process(
     json_file: Path | None = None,
     strict: bool = False,
     requirements: "Sequence[Requirement] | None" = None,
-    send: "Callable[[RunSummary], RunSummary]" = lambda report: report,
+    send: "Callable[[RunSummary], RunSummary]" = lambda summary: summary,
 ) -> None:
     """Process a recording and print the final tables.
 
@@ -161,7 +161,7 @@ def run_process(
         json_file: File for the JSON.
         strict: Fail if too little of the recording was used.
         requirements: Limits that the figures of the result must meet; None: the result is not evaluated.
-        send: Called with the report when the outputs are complete; puts them in place.
+        send: Called with the summary when the outputs are complete; puts them in place.
 
     Raises:
         CheckError: a check failed; the outputs are kept.
@@ -171,7 +171,7 @@ def run_process(
     with compiled_together(shown=True):
         from lidcam.processing import process_recording
     from lidcam.cli.json_output import json_output
-    from lidcam.cli.printing.console import print_report
+    from lidcam.cli.printing.console import print_summary
     from lidcam.cli.printing.running import shown_run
     from lidcam.cli.printing.terminal import console, show_json
     from lidcam.outputs.open import written_files
@@ -180,24 +180,24 @@ def run_process(
     others = (*job.inputs, *written_files(job), *job.read_files)
     with json_output(json_file, inputs=others, overwrite=job.overwrite) as write_json:
         with shown_run(out, requirements or (), detections=detections, matches=matches) as observer:
-            report = process_recording(job, observer)
+            summary = process_recording(job, observer)
         evaluation = None if requirements is None else _evaluated(job, requirements)
-        failure = strict_failure(report) if strict else ""
+        failure = strict_failure(summary) if strict else ""
         failures = ((failure,) if failure else ()) + (evaluation.failures if evaluation else ())
-        verdict = Verdict(failures, report.incomplete)
-        report = send(report)
-        tree = _tree(report, evaluation, verdict)
+        verdict = Verdict(failures, summary.incomplete)
+        summary = send(summary)
+        tree = _tree(summary, evaluation, verdict)
         write_json(tree)
-    for drop in report.drops.messages:
+    for drop in summary.drops.messages:
         logger.info("dropped: %s: %d messages: %s %s", drop.topic, drop.count, drop.reason, drop.example)
-    for warning in report.warnings:
+    for warning in summary.warnings:
         logger.info("warning: %s", warning)
-    rate_hz = report.timing.frames_per_second
-    logger.info("done: %d frames, %.1f per second, written: %s", report.frames.count, rate_hz, report.outputs)
+    rate_hz = summary.timing.frames_per_second
+    logger.info("done: %d frames, %.1f per second, written: %s", summary.frames.count, rate_hz, summary.outputs)
     if as_json:
         show_json(out, tree)
     else:
-        print_report(out, report, times=is_verbose())
+        print_summary(out, summary, times=is_verbose())
     if evaluation is not None and not as_json:
         from lidcam.cli.printing.evaluation import print_evaluation
 
@@ -215,23 +215,23 @@ def _evaluated(job: "Job", requirements: "Sequence[Requirement]") -> "Evaluation
     return evaluate_result(EvaluationJob(result, requirements=tuple(requirements)), show_progress)
 
 
-def _tree(report: "RunSummary", evaluation: "Evaluation | None", verdict: Verdict) -> dict[str, Any]:
+def _tree(summary: "RunSummary", evaluation: "Evaluation | None", verdict: Verdict) -> dict[str, Any]:
     from lidcam.cli.json_output import figures_document
     from lidcam.run.choice import used_record
     from lidcam.run.summary import summary_tree
 
-    figures = summary_tree(report)
+    figures = summary_tree(summary)
     if evaluation is not None:
         measured = evaluation.tree()
         both = {key: figures[key] | measured.get(key, {}) for key in ("sync", "timing")}
         figures = {**figures, **measured, **both}
     return figures_document(
         "process",
-        inputs=report.inputs.files,
-        settings=used_record(report.settings) | {"sha256": report.settings_sha256},
+        inputs=summary.inputs.files,
+        settings=used_record(summary.settings) | {"sha256": summary.settings_sha256},
         truth=evaluation.truth.tree() if evaluation and evaluation.truth else None,
         figures=figures,
         verdict=verdict,
-        warnings=(*report.warnings, *(evaluation.warnings if evaluation else ())),
-        notes=(*report.notes, *(evaluation.notes if evaluation else ())),
+        warnings=(*summary.warnings, *(evaluation.warnings if evaluation else ())),
+        notes=(*summary.notes, *(evaluation.notes if evaluation else ())),
     )

@@ -56,38 +56,38 @@ def first_of(reasons: Sequence[str]) -> str:
     return f"{'; '.join(reasons[:MAX_LISTED])}{more}"
 
 
-def strict_failure(report: "RunSummary") -> str:
+def strict_failure(summary: "RunSummary") -> str:
     """One line about what was left out, silent, dropped or damaged beyond the limits; empty if nothing was."""
-    damaged = Counter(str(loss.path) for loss in report.inputs.losses)
+    damaged = Counter(str(loss.path) for loss in summary.inputs.losses)
     findings = [
-        *(f"{fault.subject} is left out: {fault.reason}" for fault in report.sensors.faults),
-        *_silent(report),
-        *_dropped(report),
+        *(f"{fault.subject} is left out: {fault.reason}" for fault in summary.sensors.faults),
+        *_silent(summary),
+        *_dropped(summary),
         *(f"{path}: {count} damaged part{'s' * (count > 1)}" for path, count in sorted(damaged.items())),
     ]
     return f"--strict: {first_of(findings)}; the outputs are complete" if findings else ""
 
 
-def _silent(report: "RunSummary") -> list[str]:
+def _silent(summary: "RunSummary") -> list[str]:
     """Sensors that fell silent; not those that are missing from frames because they are slower than others."""
     findings = []
-    for sensor in report.sensors.missing:
+    for sensor in summary.sensors.missing:
         frames = sum(span.frames for span in sensor.silences)
         if 100 * frames > MAX_MISSING_PERCENT * sensor.of_frames and frames > MAX_MISSING:
             findings.append(f"{sensor.sensor}: {sensor.spans}, {frames} of {sensor.of_frames} frames lack it")
     return findings
 
 
-def _dropped(report: "RunSummary") -> list[str]:
+def _dropped(summary: "RunSummary") -> list[str]:
     from lidcam.run.frames import NOT_EVERY
 
     dropped: Counter[str] = Counter()
-    for drop in report.drops.messages:
+    for drop in summary.drops.messages:
         if drop.unit == "messages" and drop.reason != NOT_EVERY:
             dropped[drop.topic] += drop.count
     findings = []
     for topic, count in sorted(dropped.items()):
-        used = report.inputs.messages_used.get(topic, 0) + report.inputs.copied.get(topic, 0)
+        used = summary.inputs.messages_used.get(topic, 0) + summary.inputs.copied.get(topic, 0)
         total = count + used
         if 100 * count > MAX_MISSING_PERCENT * total and (count > MAX_MISSING or not used):
             findings.append(

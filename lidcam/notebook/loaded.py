@@ -50,7 +50,7 @@ MAX_SCENE_ITEMS = 2_000_000
 
 
 def load_result(path: Path) -> tuple[RunSummary, Objects]:
-    """The report and the objects of the run that wrote a result.
+    """The summary and the objects of the run that wrote a result.
 
     A result has neither wall times nor the places of other outputs. `settings.name` is the line that the run printed;
     only the first damaged parts are listed, and a note counts the others.
@@ -70,10 +70,10 @@ def load_result(path: Path) -> tuple[RunSummary, Objects]:
                 if TRACKS_TOPIC in messages:
                     stamp_ns = messages[FUSED].stamp_ns
                     users.add_objects(stamp_ns, one.class_ids, one.centers, one.tracks, one.speeds)
-            report = _report(result, path, users)
+            summary = _summary(result, path, users)
         except (MessageError, KeyError, TypeError, ValueError) as err:
             raise RecordingError(f"{path}: is damaged, or of another version of lidcam: {err}") from err
-        return report, join_rows(*parts)
+        return summary, join_rows(*parts)
 
 
 def _objects(index: int, messages: Mapping[str, RawMessage], result: Result) -> Objects:
@@ -120,7 +120,7 @@ def _objects(index: int, messages: Mapping[str, RawMessage], result: Result) -> 
     )
 
 
-def _report(result: Result, path: Path, users: RoadUserTally) -> RunSummary:
+def _summary(result: Result, path: Path, users: RoadUserTally) -> RunSummary:
     summary: Mapping[str, Any] = result.summary
     motion, sync, more = summary["motion"], summary["sync"], summary["losses_more"]
     files = tuple(_input_files(result.metadata))

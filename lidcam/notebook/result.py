@@ -43,11 +43,11 @@ class RunResult:
     """A finished run.
 
     Attributes:
-        report: Counts, drops, calibration, times.
+        summary: Counts, drops, calibration, times.
         objects: The fused objects of all frames.
     """
 
-    report: RunSummary
+    summary: RunSummary
     objects: Objects
 
     __repr__ = brief
@@ -55,19 +55,19 @@ class RunResult:
     @property
     def frames(self) -> int:
         """Number of frames."""
-        return self.report.frames.count
+        return self.summary.frames.count
 
     @property
     def drops(self) -> tuple[DropCount, ...]:
         """Messages that were not used, by topic and reason."""
-        return self.report.drops.messages
+        return self.summary.drops.messages
 
     def _repr_html_(self) -> str:
         """For notebooks: the final tables of the command line."""
-        from lidcam.cli.printing.console import print_report
+        from lidcam.cli.printing.console import print_summary
         from lidcam.cli.printing.terminal import printed_html
 
-        return printed_html(lambda out: print_report(out, self.report))
+        return printed_html(lambda out: print_summary(out, self.summary))
 
     def plot(self, axes: Any = None) -> Any:
         """Plot all tracks from above, by class, in the site frame; objects without a track are dots.
@@ -81,7 +81,7 @@ class RunResult:
         Raises:
             LidcamError: matplotlib is not installed.
         """
-        objects, rig = self.objects, self.report.sensors.rig
+        objects, rig = self.objects, self.summary.sensors.rig
         axes = axes or _installed("matplotlib.pyplot", "run.plot()").subplots(figsize=(8, 8))[1]
         for zone in rig.counted_zones:
             outline = np.concatenate([zone.polygon_site, zone.polygon_site[:1]])
@@ -95,7 +95,7 @@ class RunResult:
                 axes.plot(*xy.T, **style, **drawn)
                 style.pop("label", None)
         axes.set_aspect("equal", adjustable="datalim")
-        moves = ", which moves" if self.report.sensors.motion_topics else ""
+        moves = ", which moves" if self.summary.sensors.motion_topics else ""
         axes.set(xlabel="x (m)", ylabel="y (m)", title=f"frame {objects.frame_id}{moves}: {len(objects)} objects")
         if len(objects):
             axes.legend()
@@ -110,7 +110,7 @@ class RunResult:
         Raises:
             LidcamError: there is no Rerun recording, or rerun-notebook is not installed.
         """
-        recordings = [path for path in self.report.outputs if path.suffix == ".rrd"]
+        recordings = [path for path in self.summary.outputs if path.suffix == ".rrd"]
         if not recordings:
             raise LidcamError('run.show(): expected an .rrd among the outputs of the run: process(..., ["out.rrd"])')
         _installed("rerun_notebook", "run.show()")

@@ -20,8 +20,8 @@ class Sending:
     remote: tuple[tuple[Path, Bucket], ...] = ()  # The folder of an output, and where all that is in it is put
     overwrite: bool = False  # Whether objects that are no results are replaced, too
 
-    def send(self, report: RunSummary) -> RunSummary:
-        """Put what was written to its places, the result last; the report with these places.
+    def send(self, summary: RunSummary) -> RunSummary:
+        """Put what was written to its places, the result last; the summary with these places.
 
         Raises:
             OutputError: a server does not take it, or has another object of this name.
@@ -34,10 +34,10 @@ class Sending:
                 bucket.put_file(path.name, path)
                 sent[path] = bucket.at(path.name)
         if not sent:
-            return report
-        left = tuple(path for path in report.outputs if path not in sent)
-        places = tuple(sent[path] for path in report.outputs if path in sent)
-        return replace(report, outputs=left, sent=places, how_to_open={})  # no viewer opens them there
+            return summary
+        left = tuple(path for path in summary.outputs if path not in sent)
+        places = tuple(sent[path] for path in summary.outputs if path in sent)
+        return replace(summary, outputs=left, sent=places, how_to_open={})  # no viewer opens them there
 
 
 @contextmanager

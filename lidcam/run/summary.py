@@ -1,4 +1,4 @@
-"""The report of a run, in groups."""
+"""The summary of a run, in groups."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -237,9 +237,10 @@ def loss_records(losses: Sequence[Loss]) -> list[dict[str, Any]]:
     return [{"file": str(loss.path), **{key: getattr(loss, key) for key in keys}} for loss in losses]
 
 
-def summary_tree(report: RunSummary) -> dict[str, Any]:
-    """The report of a run as plain values, for JSON."""
-    inputs, frames, drops, sensors, timing = report.inputs, report.frames, report.drops, report.sensors, report.timing
+def summary_tree(summary: RunSummary) -> dict[str, Any]:
+    """The summary of a run as plain values, for JSON."""
+    inputs, frames, drops = summary.inputs, summary.frames, summary.drops
+    sensors, timing = summary.sensors, summary.timing
     return {
         "frames": frames.count,
         "sync": {"skew_mean_ms": frames.skew_mean_ms, "skew_max_ms": frames.skew_max_ms},
@@ -258,7 +259,7 @@ def summary_tree(report: RunSummary) -> dict[str, Any]:
             "frames_from_clouds": frames.odometry,
             "frames_predicted": frames.odometry_predicted,
         },
-        "road_users": _road_users_tree(report.road_users),
+        "road_users": _road_users_tree(summary.road_users),
         "objects": [{"class": c, "zone": z or None, "count": count} for (c, z), count in frames.objects.items()],
         "object_sources": dict(frames.sources),
         "confirmed": frames.confirmed,
@@ -276,7 +277,7 @@ def summary_tree(report: RunSummary) -> dict[str, Any]:
         "boxes_without_object": dict(drops.boxes_without_object),
         "objects_left_out": dict(drops.objects),
         "faults": [asdict(fault) for fault in sensors.faults],
-        "outputs": [str(place) for place in (*report.outputs, *report.sent)],
+        "outputs": [str(place) for place in (*summary.outputs, *summary.sent)],
     }
 
 

@@ -78,8 +78,8 @@ def read_recordings(
         own = folder / str(number)
         own.mkdir()
         kept = _Kept(recording, own, check)
-        report = process_recording(make_job(recording, own / "result.mcap", **options), kept)
-        names += [f"{file.name}, SHA-256\n  {file.sha256 or 'not known'}" for file in report.inputs.files]
+        summary = process_recording(make_job(recording, own / "result.mcap", **options), kept)
+        names += [f"{file.name}, SHA-256\n  {file.sha256 or 'not known'}" for file in summary.inputs.files]
         frames = kept.labelled()
         found_count += len(frames)
         for part, found in zip(parts, _parted(frames), strict=True):

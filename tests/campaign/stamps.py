@@ -163,13 +163,13 @@ def _process(path: Path, out: Path, policy: Literal["skip", "fail"]) -> _Run:
         stamps_ns.append(frame.bundle.stamp_ns)
         frames.append(frozenset(map(_key, frame.bundle.messages.values())))
 
-    report = api.process(path, out, on_frame=seen, on_bad_message=policy, workers=1).report
-    accounted = dict(report.inputs.messages_used)
-    for drop in report.drops.messages:
+    summary = api.process(path, out, on_frame=seen, on_bad_message=policy, workers=1).summary
+    accounted = dict(summary.inputs.messages_used)
+    for drop in summary.drops.messages:
         if drop.unit == "messages":
             accounted[drop.topic] = accounted.get(drop.topic, 0) + drop.count
     _check_output(out)
-    return _Run(frozenset(frames), tuple(stamps_ns), report.frames.compensated, accounted, len(report.inputs.losses))
+    return _Run(frozenset(frames), tuple(stamps_ns), summary.frames.compensated, accounted, len(summary.inputs.losses))
 
 
 def _check_output(out: Path) -> None:

@@ -39,7 +39,7 @@ def test_the_sample_of_the_crossing_gives_what_its_settings_give(lidcam: Lidcam,
     done = lidcam("process", BAGS / "crossing.mcap", tmp_path / "out.mcap", "--json", "--duration", "0.4")
     tree = json.loads(done.out)
     assert tree["settings"]["name"] == "crossing"
-    named = library.process(BAGS / "crossing.mcap", config="crossing", duration_s=0.4).report
+    named = library.process(BAGS / "crossing.mcap", config="crossing", duration_s=0.4).summary
     assert tree["objects"] == summary_tree(named)["objects"]
     assert all(entry["zone"] is None for entry in tree["objects"]), "nobody asked for zones"
     assert sum(entry["count"] for entry in tree["objects"]) > 8
@@ -53,11 +53,11 @@ def test_inspect_tells_what_would_be_used(lidcam: Lidcam, name: str) -> None:
 
 def test_from_python() -> None:
     run = library.process(BAGS / "sandbox.bag", duration_s=0.3)
-    assert (len(run.objects) > 0, run.report.settings.name) == (True, "sandbox")
-    assert library.inspect(BAGS / "sandbox.bag").settings == run.report.settings
+    assert (len(run.objects) > 0, run.summary.settings.name) == (True, "sandbox")
+    assert library.inspect(BAGS / "sandbox.bag").settings == run.summary.settings
     given = library.process(BAGS / "sandbox.bag", config=library.Config(), duration_s=0.3)
-    assert (len(given.objects), given.report.settings.how) == (0, "given")
-    assert given.report.drops.boxes == {}, "the default classes understand the numbers of the simulator"
+    assert (len(given.objects), given.summary.settings.how) == (0, "given")
+    assert given.summary.drops.boxes == {}, "the default classes understand the numbers of the simulator"
 
 
 def test_config(lidcam: Lidcam, tmp_path: Path) -> None:

@@ -15,9 +15,9 @@ from builders import write_mcap
 from command import Run
 from helpers import CLUSTERS
 from message_layouts import message_of_layout
-from reports import printed
 from results import fused_objects, messages_of
 from small_drive import small_drive
+from summaries import printed
 
 import lidcam
 from lidcam.outputs.registry import OUTPUTS, Output
@@ -130,7 +130,7 @@ def test_an_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     table, mcap = tmp_path / "out.toy", tmp_path / "out.mcap"
     for outputs in ([table, mcap], table):  # the second time, it replaces its own result
         done = lidcam.process(SANDBOX, outputs, config="sandbox", settings=[CLUSTERS], duration_s=0.3)
-        assert "Spreadsheet  open out.toy" in printed(done.report)
+        assert "Spreadsheet  open out.toy" in printed(done.summary)
         lines = table.read_text(encoding="utf-8").splitlines()
         assert len(lines) - 1 == sum(map(len, fused_objects(mcap).values())) > 0
     table.write_text("mine", encoding="utf-8")

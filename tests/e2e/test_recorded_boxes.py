@@ -9,9 +9,9 @@ import pytest
 from builders import in_order, odometry, raw, write_mcap, write_rosbag1
 from helpers import CLUSTERS
 from object_messages import Recorded, boxes_message, objects_message
-from reports import printed
 from results import Found, fused_objects, topics_of
 from rich.console import Console
+from summaries import printed
 
 from lidcam.cli.printing.console import print_inspection
 from lidcam.inspection import inspect_recording
@@ -94,7 +94,7 @@ def same(one: dict[int, list[list[float]]], other: dict[int, list[list[float]]])
 
 def test_lidcams_own_boxes_given_back_make_the_same_objects(clusters: Path, sandbox: Path, tmp_path: Path) -> None:
     source = write(tmp_path / "in.bag", of_sandbox(sandbox), given_back(clusters))
-    report = process(source, tmp_path / "out.mcap", *RECORDED, "track.mode=none", config="sandbox")
+    summary = process(source, tmp_path / "out.mcap", *RECORDED, "track.mode=none", config="sandbox")
     same(lidar_boxes(clusters), lidar_boxes(tmp_path / "out.mcap"))
     expected, found = fused_objects(clusters), fused_objects(tmp_path / "out.mcap")
     assert [*expected] == [*found]
@@ -102,10 +102,10 @@ def test_lidcams_own_boxes_given_back_make_the_same_objects(clusters: Path, sand
         assert [one.label for one in objects] == [one.label for one in found[stamp_ns]]
         # A message does not say when the points of each box were measured, which the fit to the images asks for.
         np.testing.assert_allclose(places(found[stamp_ns]), places(objects), atol=0.03)
-    assert (report.frames.without_boxes3d, dict(report.drops.boxes3d)) == (0, {})
-    assert report.inputs.messages_used[DETECTOR] == report.frames.count
-    assert re.search(rf"3D boxes +recorded from {DETECTOR}$", printed(report), re.MULTILINE)
-    assert summary_tree(report)["boxes3d_topics"] == [DETECTOR]
+    assert (summary.frames.without_boxes3d, dict(summary.drops.boxes3d)) == (0, {})
+    assert summary.inputs.messages_used[DETECTOR] == summary.frames.count
+    assert re.search(rf"3D boxes +recorded from {DETECTOR}$", printed(summary), re.MULTILINE)
+    assert summary_tree(summary)["boxes3d_topics"] == [DETECTOR]
 
 
 def places(objects: list[Found]) -> list[list[float]]:
@@ -118,18 +118,22 @@ def test_boxes_of_lidars_and_cameras_without_any_cloud(
     monkeypatch.setattr("lidcam.pipeline.parallel.run.START_S", 0.0)  # no recording is too short for two processes
     boxes = given_back(clusters)
     source = write(tmp_path / "in.bag", of_sandbox(sandbox, without="/velodyne"), boxes[:1] + boxes[2:])
-    reports = [
+    summaries = [
         process(source, tmp_path / f"{workers}.mcap", *RECORDED, config="sandbox", workers=workers)
         for workers in (1, 2)
     ]
     assert (tmp_path / "1.mcap").read_bytes() == (tmp_path / "2.mcap").read_bytes()
-    report = reports[0]
-    assert (report.sensors.rig.lidars, report.frames.count, report.frames.confirmed > 0) == ((), len(boxes) - 1, True)
+    summary = summaries[0]
+    assert (summary.sensors.rig.lidars, summary.frames.count, summary.frames.confirmed > 0) == (
+        (),
+        len(boxes) - 1,
+        True,
+    )
     kept = lidar_boxes(clusters)
     del kept[boxes[1].stamp_ns]
     same(kept, lidar_boxes(tmp_path / "1.mcap"))
-    assert report.frames.points["input"] == 0
-    assert all(sensor.topic != DETECTOR for sensor in report.sensors.missing)
+    assert summary.frames.points["input"] == 0
+    assert all(sensor.topic != DETECTOR for sensor in summary.sensors.missing)
 
 
 # --- a moving vehicle
@@ -163,8 +167,8 @@ def drive() -> list[RawMessage]:
 def test_two_detectors_on_a_vehicle_without_clouds(tmp_path: Path) -> None:
     write_mcap(tmp_path / "in.mcap", drive())
     settings = (*RECORDED, f"sync.reference={DETECTOR}", f"sync.required=[{DETECTOR}]")
-    report = process(tmp_path / "in.mcap", tmp_path / "out.mcap", *settings)
-    assert (report.sensors.rig.site_frame, report.frames.count, report.sensors.faults) == ("base_link", COUNT, ())
+    summary = process(tmp_path / "in.mcap", tmp_path / "out.mcap", *settings)
+    assert (summary.sensors.rig.site_frame, summary.frames.count, summary.sensors.faults) == ("base_link", COUNT, ())
     for stamp_ns, rows in lidar_boxes(tmp_path / "out.mcap").items():
         shift_m = vehicle_x_m(stamp_ns)
         expected = [[30 - shift_m, 3], [45 - shift_m, -4], [60 - shift_m, 8]]

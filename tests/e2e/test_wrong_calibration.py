@@ -46,8 +46,8 @@ def test_fusion_is_not_worse_than_the_lidars_alone(tmp_path: Path, name: str, ca
 
 def test_the_run_names_it() -> None:
     recording, camera = BAGS / "crossing.mcap", "camera_north_west"
-    report = lidcam.process(recording, rig=turned(recording, camera), settings=WRITTEN, duration_s=1.6).report
-    [warning] = report.warnings
+    summary = lidcam.process(recording, rig=turned(recording, camera), settings=WRITTEN, duration_s=1.6).summary
+    [warning] = summary.warnings
     assert warning.subject == camera
     assert " objects it looks 2.0" in warning.finding
     assert " degrees further right" in warning.finding

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from reports import printed
 from results import fused_objects, messages_of
+from summaries import printed
 
 from lidcam.processing import process_recording
 from lidcam.run.job import make_job
@@ -40,16 +40,16 @@ def plain(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path
 def test_objects_that_are_not_reported_are_counted(
     use: str, in_south: bool, reason: str, sandbox: Path, tmp_path: Path, plain: tuple[Path, RunSummary]
 ) -> None:
-    report = process(sandbox, tmp_path / "out.mcap", south={"corners": SOUTH, "use": use})
+    summary = process(sandbox, tmp_path / "out.mcap", south={"corners": SOUTH, "use": use})
     before, after = fused_objects(plain[0]), fused_objects(tmp_path / "out.mcap")
     kept = {stamp: [one for one in objects if (one.y <= 0) == in_south] for stamp, objects in before.items()}
     assert after == kept
     left_out = sum(map(len, before.values())) - sum(map(len, kept.values()))
     assert left_out > 0
-    assert dict(report.drops.objects) == {reason: left_out}
-    assert summary_tree(report)["objects_left_out"] == {reason: left_out}
-    assert {zone for _, zone in report.frames.objects} == ({"south"} if in_south else {""})
-    assert f"{left_out} detections dropped: {reason}" in printed(report)
+    assert dict(summary.drops.objects) == {reason: left_out}
+    assert summary_tree(summary)["objects_left_out"] == {reason: left_out}
+    assert {zone for _, zone in summary.frames.objects} == ({"south"} if in_south else {""})
+    assert f"{left_out} detections dropped: {reason}" in printed(summary)
     for topic in ("/lidar/detections", "/cameras/detections"):
         one, other = (messages_of(path, topic) for path in (plain[0], tmp_path / "out.mcap"))
         assert [len(message.detections) for _, message in one] == [len(message.detections) for _, message in other]

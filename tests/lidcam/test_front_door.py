@@ -41,7 +41,7 @@ def test_nothing_is_written_without_an_output(tmp_path: Path, monkeypatch: pytes
     run = lidcam.process(
         str(SANDBOX), config=str(CONFIG), duration_s=0.3, on_frame=lambda frame: seen.append(frame.bundle.index)
     )
-    assert run.report.outputs == ()
+    assert run.summary.outputs == ()
     assert seen == list(range(run.frames))
     assert list(tmp_path.iterdir()) == []
 

@@ -9,7 +9,7 @@ from builders import image, odometry, pointcloud2, raw
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from memory_recording import MemoryRecording
-from reports import changed, printed
+from summaries import changed, printed
 
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.errors import ConfigError, RecordingError
@@ -79,8 +79,8 @@ def run(
     return pass_over.summary(), frames
 
 
-def drop_counts(report: RunSummary) -> dict[tuple[str, str], int]:
-    return {(drop.topic, drop.reason): drop.count for drop in report.drops.messages}
+def drop_counts(summary: RunSummary) -> dict[tuple[str, str], int]:
+    return {(drop.topic, drop.reason): drop.count for drop in summary.drops.messages}
 
 
 def assert_all_accounted_for(summary: RunSummary, messages: Sequence[RawMessage], topics: Sequence[str]) -> None:
@@ -175,8 +175,8 @@ def test_the_reference_and_required_topics_have_to_be_in_use(sync: dict[str, obj
     ],
 )
 def test_what_is_copied_is_told_in_a_line(copied: dict[str, int], told: str) -> None:
-    report, _ = run(periodic(), config())
-    assert told in printed(changed(report, inputs={"copied": copied})).splitlines()
+    summary, _ = run(periodic(), config())
+    assert told in printed(changed(summary, inputs={"copied": copied})).splitlines()
 
 
 def moved(whole: RawMessage, later_s: float) -> RawMessage:

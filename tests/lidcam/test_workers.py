@@ -1,4 +1,4 @@
-"""Runs that are shared among processes: the outputs, the reports and the errors of one process."""
+"""Runs that are shared among processes: the outputs, the summaries and the errors of one process."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -32,26 +32,26 @@ def drive(bad: tuple[int, ...] = ()) -> list[RawMessage]:
     return [m for m in messages if not (m.topic.startswith("/cam") and m.stamp_ns in quiet)]
 
 
-def told(report: lidcam.RunSummary) -> dict[str, Any]:
-    tree = summary_tree(report)
+def told(summary: lidcam.RunSummary) -> dict[str, Any]:
+    tree = summary_tree(summary)
     assert all(milliseconds >= 0 for milliseconds in tree.pop("timing")["stage_ms"].values())
-    return {**tree, "outputs": [], "warnings": [asdict(warning) for warning in report.warnings]}
+    return {**tree, "outputs": [], "warnings": [asdict(warning) for warning in summary.warnings]}
 
 
 @pytest.mark.parametrize(("name", "duration_s", "workers"), [("sandbox.bag", 0.4, 3), ("drive.mcap", None, 2)])
-def test_same_bytes_and_same_report(name: str, duration_s: float | None, workers: int, tmp_path: Path) -> None:
+def test_same_bytes_and_same_summary(name: str, duration_s: float | None, workers: int, tmp_path: Path) -> None:
     recording = ROOT / "bags" / name
     if name == "drive.mcap":
         write_mcap(recording := tmp_path / name, drive(bad=(2, 7)))
-    reports = []
+    summaries = []
     for count in (1, workers):
         out = tmp_path / f"{count}" / "out.mcap"
         out.parent.mkdir()
-        reports.append(lidcam.process(recording, out, workers=count, duration_s=duration_s).report)
+        summaries.append(lidcam.process(recording, out, workers=count, duration_s=duration_s).summary)
     assert (tmp_path / "1" / "out.mcap").read_bytes() == (tmp_path / f"{workers}" / "out.mcap").read_bytes()
-    assert told(reports[0]) == told(reports[1])
+    assert told(summaries[0]) == told(summaries[1])
     if name == "drive.mcap":
-        assert {drop.topic: drop.count for drop in reports[1].drops.messages if drop.is_defect} == {"/points": 2}
+        assert {drop.topic: drop.count for drop in summaries[1].drops.messages if drop.is_defect} == {"/points": 2}
 
 
 def test_a_bad_message_ends_the_run_at_its_frame(tmp_path: Path) -> None:

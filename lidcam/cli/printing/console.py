@@ -127,13 +127,14 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
         out.print(f"  not detected, predicted by their tracks: {', '.join(predicted)}")
 
 
-def print_report(out: Console, report: RunSummary, *, times: bool = False) -> None:
+def print_summary(out: Console, summary: RunSummary, *, times: bool = False) -> None:
     """The final tables of a run; with `times` also the time of each stage."""
-    inputs, frames, drops, sensors, timing = report.inputs, report.frames, report.drops, report.sensors, report.timing
+    inputs, frames, drops = summary.inputs, summary.frames, summary.drops
+    sensors, timing = summary.sensors, summary.timing
     zones = [zone.name for zone in sensors.rig.counted_zones]
     count = max(frames.count, 1)
     _print_advice(out, sensors.box_words[1])
-    if users := report.road_users:
+    if users := summary.road_users:
         show_table(out, road_users_table(users, zones))
         out.print()
         if users.changes:
@@ -170,26 +171,26 @@ def print_report(out: Console, report: RunSummary, *, times: bool = False) -> No
     facts = {
         "frames": f"{frames.count}{rate}",
         "sync skew": f"mean {frames.skew_mean_ms:.1f} ms, max {frames.skew_max_ms:.1f} ms",
-        "motion": _motion(report),
-        "3D boxes": _boxes3d(report),
+        "motion": _motion(summary),
+        "3D boxes": _boxes3d(summary),
         "2D boxes": sensors.box_words[0],
         **({"cameras": corrected} if (corrected := _corrected(sensors.corrections)) else {}),
-        "confirmed": _confirmed(report),
+        "confirmed": _confirmed(summary),
         "geometry": ", ".join(f"{GEOMETRY[name]} {n}" for name, n in frames.sources.items()),
         **({"copied": copied} if copied else {}),
-        "settings": str(report.settings),
-        "written": ", ".join(map(str, (*report.outputs, *report.sent))),
-        **report.how_to_open,
+        "settings": str(summary.settings),
+        "written": ", ".join(map(str, (*summary.outputs, *summary.sent))),
+        **summary.how_to_open,
     }
     show_table(out, pairs_table("run", facts))
-    _print_remarks(out, sensors.faults, report.notes)
+    _print_remarks(out, sensors.faults, summary.notes)
     if unused := inputs.unused_topics:
         names = [
             f"{topic.topic} ({topic.message_count}: {topic.problem})" if topic.problem else topic.topic
             for topic in unused
         ]
         show_line(out, f"not used: {_listed(names)}")
-    _print_warnings(out, report.warnings)
+    _print_warnings(out, summary.warnings)
 
 
 def _corrected(corrections: Mapping[str, CameraCorrection]) -> str:
@@ -220,8 +221,8 @@ def _below_one_name(topics: Iterable[str]) -> str:
     return _listed([f"{name}/* ({len(some)} topics)" if len(some) > 1 else some[0] for name, some in below.items()])
 
 
-def _motion(report: RunSummary) -> str:
-    frames, topics = report.frames, report.sensors.motion_topics
+def _motion(summary: RunSummary) -> str:
+    frames, topics = summary.frames, summary.sensors.motion_topics
     if topics:
         lost = f"; {n} could not be registered" if (n := frames.odometry_predicted) else ""
         corrected = f"; for tracks, corrected from the clouds (small_gicp){lost}" if frames.odometry else ""
@@ -234,10 +235,10 @@ def _motion(report: RunSummary) -> str:
     return f"{found}; {frames.odometry_predicted} could not be registered and keep the last velocity"
 
 
-def _boxes3d(report: RunSummary) -> str:
-    source = _source_of_boxes3d(report.sensors.box_source_3d, report.sensors.rig)
-    missing = report.frames.without_boxes3d
-    return f"{source}; {missing} of {report.frames.count} frames have none" if missing else source
+def _boxes3d(summary: RunSummary) -> str:
+    source = _source_of_boxes3d(summary.sensors.box_source_3d, summary.sensors.rig)
+    missing = summary.frames.without_boxes3d
+    return f"{source}; {missing} of {summary.frames.count} frames have none" if missing else source
 
 
 def _source_of_boxes3d(source: str, rig: Rig) -> str:
@@ -250,11 +251,11 @@ def _listed(names: Sequence[str]) -> str:
     return f"{', '.join(names[:MAX_LISTED])}{more}"
 
 
-def _confirmed(report: RunSummary) -> str:
-    confirmed = f"{report.frames.confirmed} of {sum(report.frames.objects.values())} objects by a camera"
-    if report.sensors.box_source == "none" or not report.frames.without_boxes:
+def _confirmed(summary: RunSummary) -> str:
+    confirmed = f"{summary.frames.confirmed} of {sum(summary.frames.objects.values())} objects by a camera"
+    if summary.sensors.box_source == "none" or not summary.frames.without_boxes:
         return confirmed
-    return f"{confirmed}; {report.frames.without_boxes} of {report.frames.count} frames have no 2D boxes"
+    return f"{confirmed}; {summary.frames.without_boxes} of {summary.frames.count} frames have no 2D boxes"
 
 
 def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", *, every_topic: bool = False) -> None:

@@ -27,7 +27,7 @@ def warning_of(config: str | None, *settings: str) -> RunWarning:
     alone = ["output.images=false", "detect2d.method=none", *settings]
     run = lidcam.process(SANDBOX, config=config, settings=alone, duration_s=0.4, workers=1)
     assert len(run.objects) == 0
-    (warning,) = (one for one in run.report.warnings if one.subject == "no objects")
+    (warning,) = (one for one in run.summary.warnings if one.subject == "no objects")
     return warning
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from reports import changed, sound_report
+from summaries import changed, sound_summary
 
 from lidcam.cli.verdict import Verdict, first_of, strict_failure
 from lidcam.pipeline.core.errors import CheckError, IncompleteError
@@ -14,11 +14,11 @@ from lidcam.run.summary import DropCount, RunSummary
 
 
 def with_drops(used: int, *drops: DropCount) -> RunSummary:
-    return changed(sound_report(), inputs={"messages_used": {"/a": used}}, drops={"messages": drops})
+    return changed(sound_summary(), inputs={"messages_used": {"/a": used}}, drops={"messages": drops})
 
 
 def test_a_run_that_used_everything() -> None:
-    assert not strict_failure(sound_report())
+    assert not strict_failure(sound_summary())
     assert not strict_failure(with_drops(1, DropCount("/a", "packets", 900, "", "parts")))
 
 
@@ -40,19 +40,19 @@ def test_the_share_of_a_topic(used: int, dropped: int, passes: bool) -> None:
 def test_a_sensor_that_falls_silent(frames: int, passes: bool) -> None:
     slow = MissingSensor("cam2", "/cam2", 50, 100, ())
     silent = MissingSensor("cam1", "/cam1", frames, 100, (SilentSpan(1.0, None, frames),))
-    found = changed(sound_report(), sensors={"missing": (slow, silent)})
+    found = changed(sound_summary(), sensors={"missing": (slow, silent)})
     line = f"--strict: cam1: silent from 1.0 s to the end, {frames} of 100 frames lack it; the outputs are complete"
     assert strict_failure(found) == ("" if passes else line)
 
 
 def test_what_is_left_out_and_damaged() -> None:
-    report, bag = sound_report(), Path("drive.bag")
+    summary, bag = sound_summary(), Path("drive.bag")
     fault = SensorFault("cam1", "/cam1/image", "no intrinsics")
     left_out = "--strict: cam1 (/cam1/image) is left out: no intrinsics; the outputs are complete"
-    assert strict_failure(changed(report, sensors={"faults": (fault,)})) == left_out
-    damaged = changed(report, inputs={"losses": (Loss(bag, 0, "x"), Loss(bag, 9, "x"))})
+    assert strict_failure(changed(summary, sensors={"faults": (fault,)})) == left_out
+    damaged = changed(summary, inputs={"losses": (Loss(bag, 0, "x"), Loss(bag, 9, "x"))})
     assert strict_failure(damaged) == "--strict: drive.bag: 2 damaged parts; the outputs are complete"
-    assert strict_failure(changed(report, sensors={"faults": (fault,) * 7})).endswith(
+    assert strict_failure(changed(summary, sensors={"faults": (fault,) * 7})).endswith(
         "; and 3 more; the outputs are complete"
     )
 

@@ -21,10 +21,10 @@ def test_it_agrees_with_the_simulators_objects(tmp_path: Path) -> None:
     out = tmp_path / "out.mcap"
     rig = parse_rig({"truth": TRUTH}, Path("rig.yaml"))
     settings = {"output.images": False, "output.clouds": False, "output.layout": False}
-    report = lidcam.process(
+    summary = lidcam.process(
         ROOT / "bags" / "sandbox.bag", out, config="sandbox", rig=rig, settings=settings, start_s=0.5, duration_s=0.6
-    ).report
-    assert {*report.inputs.copied} >= {"/ground_truth/objects", *(entry["topic"] for entry in TRUTH.values())}
+    ).summary
+    assert {*summary.inputs.copied} >= {"/ground_truth/objects", *(entry["topic"] for entry in TRUTH.values())}
     with (
         open_result(out) as opened,
         open_truth(opened) as of_odometry,

@@ -27,9 +27,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> lidcam.RunResult:
     return lidcam.process(CROSSING, outputs, settings=[CLUSTERS], duration_s=0.7, workers=1)
 
 
-def of_result(report: Any) -> dict[str, Any]:
-    """What a result holds of a report."""
-    own = {field.name: getattr(report, field.name) for field in fields(report)}
+def of_result(summary: Any) -> dict[str, Any]:
+    """What a result holds of a summary."""
+    own = {field.name: getattr(summary, field.name) for field in fields(summary)}
     for name in ("timing", "settings", "outputs", "how_to_open"):
         own.pop(name)
     files = tuple(file._replace(path="") for file in own.pop("inputs").files)
@@ -37,15 +37,15 @@ def of_result(report: Any) -> dict[str, Any]:
 
 
 def test_a_run_is_read_back_from_its_result(run: lidcam.RunResult) -> None:
-    back = lidcam.load(run.report.outputs[0])
+    back = lidcam.load(run.summary.outputs[0])
     assert len(back.objects) > 20
     for name in ARRAYS:
         np.testing.assert_allclose(getattr(back.objects, name), getattr(run.objects, name), rtol=1e-12, err_msg=name)
     assert (back.objects.frame_id, back.objects.class_names) == (run.objects.frame_id, run.objects.class_names)
-    assert of_result(back.report) == of_result(run.report)
-    assert back.report.settings.name == str(run.report.settings)
-    assert back.report.incomplete == run.report.incomplete
-    assert np.isnan(back.report.timing.wall_seconds)
+    assert of_result(back.summary) == of_result(run.summary)
+    assert back.summary.settings.name == str(run.summary.settings)
+    assert back.summary.incomplete == run.summary.incomplete
+    assert np.isnan(back.summary.timing.wall_seconds)
 
 
 def test_what_is_no_result_or_lacks_something(run: lidcam.RunResult, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -53,7 +53,7 @@ def test_what_is_no_result_or_lacks_something(run: lidcam.RunResult, monkeypatch
         lidcam.load(CROSSING)
     monkeypatch.setattr(loaded, "SCENE", "/nothing")
     with pytest.raises(lidcam.RecordingError, match=r"out\.mcap: is damaged, or of another version of lidcam: '/noth"):
-        lidcam.load(run.report.outputs[0])
+        lidcam.load(run.summary.outputs[0])
 
 
 def test_the_tables_of_the_console_in_a_notebook(run: lidcam.RunResult) -> None:
@@ -80,9 +80,9 @@ def test_the_plot_has_each_track_in_the_colour_of_its_class(run: lidcam.RunResul
     assert (class_color(own.class_ids[0]), *own.centers[:, :2].ravel().round(6).tolist()) in ways
     names = {text.get_text() for text in axes.get_legend().get_texts()}
     assert names == {*objects.classes.tolist()}
-    nothing = lidcam.RunResult(run.report, objects[:0]).plot()
+    nothing = lidcam.RunResult(run.summary, objects[:0]).plot()
     assert nothing.get_legend() is None
-    assert axes is lidcam.RunResult(run.report, objects[:0]).plot(axes)
+    assert axes is lidcam.RunResult(run.summary, objects[:0]).plot(axes)
 
 
 def test_what_is_missing_for_a_picture_is_one_line(run: lidcam.RunResult, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,7 +93,7 @@ def test_what_is_missing_for_a_picture_is_one_line(run: lidcam.RunResult, monkey
         with pytest.raises(lidcam.LidcamError, match=line):
             draw()
     with pytest.raises(lidcam.LidcamError, match=r"run\.show\(\): expected an \.rrd among the outputs of the run"):
-        lidcam.load(run.report.outputs[0]).show()
+        lidcam.load(run.summary.outputs[0]).show()
 
 
 def test_the_viewer_gets_all_of_the_rerun_recording(run: lidcam.RunResult, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,4 +109,4 @@ def test_the_viewer_gets_all_of_the_rerun_recording(run: lidcam.RunResult, monke
     monkeypatch.setattr("rerun.notebook.Viewer", Viewer)
     run.show()
     sent = streams[0].read(flush=True)
-    assert len(sent) > 0.9 * run.report.outputs[1].stat().st_size
+    assert len(sent) > 0.9 * run.summary.outputs[1].stat().st_size

@@ -107,7 +107,7 @@ def test_a_later_part_that_is_changed(
     checksums = [sha256(path.read_bytes()).hexdigest() for path in (first, second)]
     out = tmp_path / "out.mcap"
     job = make_job([first, second], out, settings=[CLUSTERS], workers=1, duration_s=duration_s)
-    report = process_recording(job, AtFirstFrame(lambda: change(second)))
+    summary = process_recording(job, AtFirstFrame(lambda: change(second)))
     later = {key: value for key, value in said(out, "input.").items() if key[8:] in {"sha256", "changed"}}
     expected = {} if duration_s else {f"input.{row}.sha256": one for row, one in enumerate(checksums)}
     incomplete: tuple[str, ...] = ()
@@ -115,7 +115,7 @@ def test_a_later_part_that_is_changed(
         expected.pop("input.1.sha256", "")
         expected["input.1.changed"] = "while it was read"
         incomplete = (f"{second}: changed while it was read; run it again when nothing writes to it",)
-    assert (report.frames.count, later, report.incomplete) == (7 if duration_s else 10, expected, incomplete)
+    assert (summary.frames.count, later, summary.incomplete) == (7 if duration_s else 10, expected, incomplete)
 
 
 def test_the_same_wherever_the_files_lie(tmp_path: Path) -> None:

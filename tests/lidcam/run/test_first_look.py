@@ -88,7 +88,7 @@ def test_stretches_are_a_share_of_the_recording(frames: int) -> None:
 def test_a_run_counts_each_message_once() -> None:
     settings = {"output.images": False, "run.workers": 1}
     first, second = (
-        lidcam.process(CROSSING, settings=settings | {"fuse.calibration": one}).report for one in ("auto", "recorded")
+        lidcam.process(CROSSING, settings=settings | {"fuse.calibration": one}).summary for one in ("auto", "recorded")
     )
     assert first.inputs.messages_used == second.inputs.messages_used
     assert first.drops.messages == second.drops.messages

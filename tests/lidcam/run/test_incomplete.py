@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from reports import changed, sound_report
+from summaries import changed, sound_summary
 
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Drop
@@ -44,10 +44,10 @@ def test_sensors_that_are_in_no_frame_and_not_those_that_pause() -> None:
 
 
 def test_a_report_says_what_is_missing() -> None:
-    assert sound_report().incomplete == ()
+    assert sound_summary().incomplete == ()
     drops = (DropCount("/a", "too late", 7, ""), DropCount("/a", "cannot be decoded", 3, "", is_defect=True))
     found = changed(
-        sound_report(),
+        sound_summary(),
         drops={"messages": drops},
         sensors={"faults": (SensorFault("cam1", "/cam1/image", "x"), SensorFault("cam2", "", "no topic is left"))},
         inputs={"losses": (Loss(BAG, 0, "x", messages=2),)},

@@ -167,8 +167,8 @@ def use(tracker: FrameTracker | None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidcam.processing.object_tracker", lambda *_: tracker)
 
 
-def told(report: lidcam.RunSummary) -> dict[str, Any]:
-    return {**summary_tree(report), "timing": {}, "outputs": [], "frames_left_out": {}}
+def told(summary: lidcam.RunSummary) -> dict[str, Any]:
+    return {**summary_tree(summary), "timing": {}, "outputs": [], "frames_left_out": {}}
 
 
 class Silent(Late):
@@ -188,10 +188,10 @@ def test_same_outputs_with_and_without_a_delay_for_any_workers(
         (folder := recording.parent / f"{number}").mkdir()
         use(tracker, monkeypatch)
         outputs = [folder / "out.mcap", folder / "out.rrd"]
-        report = lidcam.process(recording, outputs, settings=[CLUSTERS], workers=workers).report
-        stages = report.timing.stage_seconds
+        summary = lidcam.process(recording, outputs, settings=[CLUSTERS], workers=workers).summary
+        stages = summary.timing.stage_seconds
         assert list(stages)[-3:] == (["track"] if tracker else [list(stages)[-3]]) + ["write mcap", "write rerun"]
         assert ("track" in stages) == (tracker is not None)
-        written.append(((folder / "out.mcap").read_bytes(), told(report)))
+        written.append(((folder / "out.mcap").read_bytes(), told(summary)))
         assert {path.suffix for path in folder.iterdir()} <= {".mcap", ".rrd", ".json"}
     assert all(one == written[0] for one in written)

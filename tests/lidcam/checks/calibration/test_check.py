@@ -21,7 +21,7 @@ SANDBOX = ROOT / "bags" / "sandbox.bag"
 
 
 def test_the_sample_as_calibrated_gives_no_warning() -> None:
-    assert lidcam.process(SANDBOX, config="sandbox").report.warnings == ()
+    assert lidcam.process(SANDBOX, config="sandbox").summary.warnings == ()
     assert lidcam.inspect(SANDBOX).warnings == ()
 
 
@@ -32,7 +32,7 @@ def test_an_inverted_lidar_is_named_and_not_the_cameras(tmp_path: Path) -> None:
     lidar["T_site_lidar"] = np.linalg.inv(lidar["T_site_lidar"]).tolist()
     rig = tmp_path / "rig.yaml"
     rig.write_text(yaml.safe_dump(tree))
-    report = lidcam.process(SANDBOX, config="sandbox", settings=[CLUSTERS], rig=rig, duration_s=2.0).report
+    report = lidcam.process(SANDBOX, config="sandbox", settings=[CLUSTERS], rig=rig, duration_s=2.0).summary
     [line] = map(str, report.warnings)
     assert line.startswith(
         "velodyne3: its ground lies at z = -0.87 m, and with the inverse of its extrinsics at 0.00 m"

@@ -290,4 +290,4 @@ def test_the_command(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.exception
     assert done.stdout.splitlines()[1:] == ["x from 0 to 8 m, y from -4 to 4 m", "ground at -1.73 m, intensities to 1"]
     run = lidcam.process(SANDBOX, model_3d=out, config="road", duration_s=0.3, workers=1)
-    assert (run.report.sensors.box_source_3d, run.report.frames.count > 1) == ("combined", True)
+    assert (run.summary.sensors.box_source_3d, run.summary.frames.count > 1) == ("combined", True)

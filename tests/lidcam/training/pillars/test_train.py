@@ -54,7 +54,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert done.out.index("In drawn worlds:\n\n|") < done.out.index("In recordings:\n\n|")
     assert max(map(len, done.out.splitlines())) <= 80
     run = lidcam.process(SANDBOX, model_3d=tmp_path / "mine.onnx", duration_s=0.3, workers=1)
-    assert (run.report.sensors.box_source_3d, run.report.frames.count > 1) == ("combined", True)
+    assert (run.summary.sensors.box_source_3d, run.summary.frames.count > 1) == ("combined", True)
 
 
 class KilledError(Exception):

@@ -1,0 +1,33 @@
+"""Summaries of runs: as they are printed, and with other values in them."""
+
+from dataclasses import replace
+from functools import cache
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+from helpers import CLUSTERS
+from rich.console import Console
+
+import lidcam
+from lidcam.cli.printing.console import print_summary
+from lidcam.run.summary import RunSummary
+
+
+@cache
+def sound_summary() -> RunSummary:
+    """Of a part of the sample, in which nothing is amiss."""
+    recording = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
+    return lidcam.process(recording, settings=[CLUSTERS], duration_s=0.3).summary
+
+
+def printed(summary: RunSummary) -> str:
+    """The tables and remarks, without blanks at the ends of lines."""
+    with StringIO() as out:
+        print_summary(Console(width=200, file=out), summary)
+        return "\n".join(line.rstrip() for line in out.getvalue().splitlines())
+
+
+def changed(summary: RunSummary, **groups: dict[str, Any]) -> RunSummary:
+    """A summary with other values in its groups, as `inputs={"losses": ()}`."""
+    return replace(summary, **{name: replace(getattr(summary, name), **values) for name, values in groups.items()})
