@@ -108,7 +108,7 @@ def test_settings_of_the_evaluation(result: Path, tmp_path: Path, capsys: pytest
 
 
 def test_truth_of_one_view(result: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(LabelledPartSearch, "add", lambda *_: True)
+    monkeypatch.setattr(LabelledPartSearch, "add_frame", lambda *_: True)
     monkeypatch.setattr(LabelledPartSearch, "found", lambda _: LabelledPart("cam11", [[0, 0], [9, 0], [9, 9]], 0.5))
     evaluated(result)
     assert ", labelled only in the view of cam11, up to 0.5 m (evaluate.region=every" in capsys.readouterr().out
