@@ -91,7 +91,7 @@ MAX_LINES = {
     "writers/mcap": (450, 390),
     "writers/messages": (840, 370),
     "writers/outputs": (410, 300),
-    "writers/pictures": (740, 230),
+    "writers/images": (740, 230),
     "writers/report": (940, 80),
     "writers/rerun": (1070, 550),
     "writers/tables": (510, 280),

@@ -114,8 +114,8 @@ def is_own_parquet(path: Path) -> bool:
     return tail.endswith(b"PAR1") and marks.OBJECTS.encode() in tail[-8 - int.from_bytes(tail[-8:-4], "little") :]
 
 
-def are_own_pictures(path: Path) -> bool:
-    """Whether a folder has pictures of cameras and nothing else, or nothing at all."""
+def are_own_images(path: Path) -> bool:
+    """Whether a folder has images of cameras and nothing else, or nothing at all."""
     return path.is_dir() and all(
         not file.is_symlink() and marks.MATCHES.encode() in _head(file, HEAD_BYTES) for file in path.iterdir()
     )

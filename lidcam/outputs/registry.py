@@ -100,13 +100,13 @@ OUTPUTS = [
         how_to_open="open {path} in a browser",
     ),
     Output(
-        "Pictures",
+        "Images",
         "--save-matches",
         "",
         f"{_WRITERS}:open_matches",
-        is_own=f"{_ALLOWED}:are_own_pictures",
+        is_own=f"{_ALLOWED}:are_own_images",
         how_to_open="look at the .jpg in {path}",
-        folder_of="pictures",
+        folder_of="images",
     ),
 ]
 """What a run writes or shows."""

@@ -12,11 +12,11 @@ from lidcam.run.frames import RunInput
 from lidcam.run.job import Job
 from lidcam.writers.base import ResultWriter
 from lidcam.writers.foxglove.layout import layout_path
+from lidcam.writers.images.matches import MatchesWriter
+from lidcam.writers.images.scene import Scenes
 from lidcam.writers.live.pace import Pace
 from lidcam.writers.mcap.writer import McapResultWriter
 from lidcam.writers.outputs.transaction import OutputFile, OutputTransaction
-from lidcam.writers.pictures.matches import MatchesWriter
-from lidcam.writers.pictures.scene import Scenes
 from lidcam.writers.provenance import Provenance
 from lidcam.writers.rerun.environment import without_rerun_variables
 from lidcam.writers.tables.writer import CsvObjectsWriter, ParquetObjectsWriter
@@ -66,14 +66,14 @@ def _rerun(opening: Opening, output: OutputFile | None) -> ResultWriter:
 
 
 def drawn_scenes(source: RunInput) -> Scenes:
-    """What gathers, over the frames of a run, what their pictures show."""
+    """What gathers, over the frames of a run, what their images show."""
     return Scenes(source.rig, source.config, partial(decode_any_image, limits=source.config.limits))
 
 
 def open_film(opening: Opening) -> ResultWriter:
     """The film."""
     try:
-        from lidcam.writers.pictures.film import FilmWriter
+        from lidcam.writers.images.film import FilmWriter
     except ModuleNotFoundError as err:
         raise OutputError(f"{opening.path}: a film needs PyAV: pip install 'lidcam[video]'") from err
     _check_images(opening)
@@ -81,9 +81,9 @@ def open_film(opening: Opening) -> ResultWriter:
 
 
 def open_matches(opening: Opening) -> ResultWriter:
-    """The pictures of each camera."""
+    """The images of each camera."""
     if not opening.source.rig.cameras:
-        raise RecordingError(f"{opening.path}: pictures of matches need cameras: no camera of the recording is used")
+        raise RecordingError(f"{opening.path}: images of matches need cameras: no camera of the recording is used")
     _check_images(opening)
     return MatchesWriter(opening.file, drawn_scenes(opening.source), opening.provenance)
 

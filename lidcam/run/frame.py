@@ -6,7 +6,7 @@ from typing import Self
 from lidcam.pipeline.core.arrays import U8
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.text import brief
-from lidcam.writers.pictures.scene import Scene, Scenes
+from lidcam.writers.images.scene import Scene, Scenes
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

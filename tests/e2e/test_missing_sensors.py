@@ -40,8 +40,8 @@ def recorded(taken: Taken) -> list[RawMessage]:
                 )
                 messages.append(message(f"/{name}/camera_info", "sensor_msgs/msg/CameraInfo", info, stamp_ns))
             if taken(name, step):
-                picture = image(pixels, stamp_ns=stamp_ns, frame_id=name)
-                messages.append(message(f"/{name}/image_raw", "sensor_msgs/msg/Image", picture, stamp_ns))
+                taken_image = image(pixels, stamp_ns=stamp_ns, frame_id=name)
+                messages.append(message(f"/{name}/image_raw", "sensor_msgs/msg/Image", taken_image, stamp_ns))
     return messages
 
 

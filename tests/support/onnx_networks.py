@@ -1,6 +1,6 @@
 """Networks of every layout for tests, with known outputs, in the ONNX files of `onnx_files`.
 
-Each output is a constant array, plus what the picture's brightness makes of it where `weights` say so; or, of a
+Each output is a constant array, plus what the image's brightness makes of it where `weights` say so; or, of a
 convolutional YOLOX, what a convolution makes of each cell.
 """
 

@@ -25,7 +25,7 @@ OBJECTS = "lidcam.objects"
 """Key in the metadata of a Parquet table of objects."""
 
 MATCHES = "lidcam.matches"
-"""Begins the comment of a picture of a camera."""
+"""Begins the comment of an image of a camera."""
 
 FILM = "lidcam.film"
 """Begins the comment of a film."""

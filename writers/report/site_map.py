@@ -42,7 +42,7 @@ def map_figure(seen: ReportCollector, rig: Rig, background: SparseGrid | None, c
     layout = {
         "xaxis": {"title": {"text": "x, m"}, "range": [low[0], high[0]], "constrain": "domain"},
         "yaxis": {"title": {"text": "y, m"}, "range": [low[1], high[1]], "scaleanchor": "x", "constrain": "domain"},
-        "images": [] if background is None or not len(background) else [_picture(background, low, high, least)],
+        "images": [] if background is None or not len(background) else [_image(background, low, high, least)],
         "hovermode": "closest",
     }
     ratio = float((high[1] - low[1]) / (high[0] - low[0]))
@@ -62,7 +62,7 @@ def _extent(drawn: Sequence[F64], background: SparseGrid | None) -> tuple[F64, F
     return np.round(middle - reach, 3), np.round(middle + reach, 3)
 
 
-def _picture(background: SparseGrid, low: F64, high: F64, least: float) -> dict[str, Any]:
+def _image(background: SparseGrid, low: F64, high: F64, least: float) -> dict[str, Any]:
     """What stands still, as an image behind the map: grey, the more opaque the more often points were there."""
     low, high = low - 0.5 * (high - low), high + 0.5 * (high - low)
     cell_m = max(background.cell_m, float((high - low).max()) / MAX_PIXELS)

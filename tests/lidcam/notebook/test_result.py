@@ -85,7 +85,7 @@ def test_the_plot_has_each_track_in_the_colour_of_its_class(run: lidcam.RunResul
     assert axes is lidcam.RunResult(run.summary, objects[:0]).plot(axes)
 
 
-def test_what_is_missing_for_a_picture_is_one_line(run: lidcam.RunResult, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_missing_for_a_plot_is_one_line(run: lidcam.RunResult, monkeypatch: pytest.MonkeyPatch) -> None:
     for package, draw in (("matplotlib.pyplot", run.plot), ("rerun_notebook", run.show)):
         monkeypatch.setitem(sys.modules, package, None)
         name = package.partition(".")[0].replace("_", "-")

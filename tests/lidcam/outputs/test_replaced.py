@@ -69,8 +69,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_rosbag2(folder / "rec", clouds())
     outputs = [folder / f"out.{kind}" for kind in ("mcap", "rrd", "csv", "parquet", "mp4", "html")]
     lidcam.process(folder / "rec.mcap", outputs, settings=[CLUSTERS])
-    (folder / "pictures").mkdir()
-    (folder / "pictures" / "frame_000000_cam.jpg").write_bytes(JPEG)
+    (folder / "images").mkdir()
+    (folder / "images" / "frame_000000_cam.jpg").write_bytes(JPEG)
     inspect(folder / "rec.mcap", repair=folder / "repaired.mcap", write_rig=folder / "rig.yaml")
     for name, format in (("sim.bag", "ros1"), ("sim", "sqlite3"), ("sim.mcap", "mcap")):
         simulate(folder / name, format)  # type: ignore[arg-type]
@@ -86,7 +86,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("out.parquet", "Parquet"),
         ("out.mp4", "Film"),
         ("out.html", "Report"),
-        ("pictures", "Pictures"),
+        ("images", "Images"),
         ("out.foxglove.json", "text"),
         ("repaired.mcap", "repaired"),
         ("rig.yaml", "text"),
@@ -121,7 +121,7 @@ def test_what_only_looks_like_it_is_not_lidcam_s(results: Path, tmp_path: Path) 
     (tmp_path / "sim" / "sim.db3-wal").touch()
     assert recognised(tmp_path / "sim") == []
     (tmp_path / "empty").mkdir()
-    assert recognised(tmp_path / "empty") == ["Pictures"]  # nothing is lost with it
+    assert recognised(tmp_path / "empty") == ["Images"]  # nothing is lost with it
     for library in ("lidcam", "another"):
         with (tmp_path / library).open("wb") as file:
             writer = Writer(file)
@@ -213,7 +213,7 @@ def test_what_a_killed_run_left_can_be_repaired_and_is_not_removed(tmp_path: Pat
 
 @pytest.mark.parametrize("foreign", ["notes.txt", "folder", "link.jpg", "other.jpg"])
 def test_a_folder_with_anything_else_is_never_replaced(results: Path, tmp_path: Path, foreign: str) -> None:
-    out = shutil.copytree(results / "pictures", tmp_path / "pictures")
+    out = shutil.copytree(results / "images", tmp_path / "images")
     if foreign == "folder":
         (out / foreign).mkdir()
     elif foreign == "link.jpg":
@@ -222,6 +222,6 @@ def test_a_folder_with_anything_else_is_never_replaced(results: Path, tmp_path: 
         (out / foreign).write_bytes(JPEG[:20])
     before = sorted(out.iterdir())
     for overwrite in (False, True):
-        with pytest.raises(OutputError, match=r"holds more than the pictures of an earlier run; choose another name$"):
+        with pytest.raises(OutputError, match=r"holds more than the images of an earlier run; choose another name$"):
             lidcam.process(results / "rec.mcap", save_matches=out, overwrite=overwrite)
     assert sorted(out.iterdir()) == before

@@ -174,7 +174,7 @@ def crowd(seed: int) -> Boxes3D:
     return rows_of(places)
 
 
-def pictures(truth: Boxes3D, camera: CameraSensor, seed: int) -> tuple[dict[str, Boxes2D], dict[Key, int]]:
+def seen_boxes(truth: Boxes3D, camera: CameraSensor, seed: int) -> tuple[dict[str, Boxes2D], dict[Key, int]]:
     """2D boxes of what is not hidden in the main, off by 1.5 px, in any order; and whose they are."""
     random = np.random.default_rng(seed)
     arrays = CameraArrays.of([camera])
@@ -206,7 +206,7 @@ def test_a_camera_that_looks_two_degrees_aside() -> None:
     wrong = {"cam": replace(camera, T_camera_site=turned @ camera.T_camera_site)}
     for seed in range(20):
         truth = crowd(seed)
-        found, whose = pictures(truth, camera, seed)
+        found, whose = seen_boxes(truth, camera, seed)
         ours += counted(associate(measured(truth, seed), found, wrong), whose)
         old += counted(plain(measured(truth, seed), found, wrong), whose)
     assert ours["right"] >= 0.9 * ours["shown"]
@@ -228,7 +228,7 @@ def test_late_images_of_a_moving_rig() -> None:
     ours, unmoved = Counter[str](), Counter[str]()
     for seed in range(20):
         truth = crowd(seed)
-        found, whose = pictures(truth, views["cam"], seed)
+        found, whose = seen_boxes(truth, views["cam"], seed)
         ours += counted(associate(measured(truth, seed), found, views), whose)
         unmoved += counted(associate(measured(truth, seed), found, {"cam": camera}), whose)
     assert ours["right"] >= 0.99 * ours["shown"]

@@ -115,7 +115,7 @@ spots = st.tuples(places, sizes, st.floats(-3, 3)).map(lambda spot: (*spot[0], *
 
 
 @given(st.lists(spots, max_size=7))
-def test_shares_are_those_of_painted_pictures(table: list[tuple[float, ...]]) -> None:
+def test_shares_are_those_of_painted_images(table: list[tuple[float, ...]]) -> None:
     apart = [row for k, row in enumerate(table) if all(np.hypot(row[0] - o[0], row[1] - o[1]) > 5 for o in table[:k])]
     boxes = boxes3d(apart)
     seen, hidden, rest = hide(boxes)

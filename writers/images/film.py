@@ -1,4 +1,4 @@
-"""Writes the pictures of a run as a film (MP4, H.264), at the pace of the recording. Imports PyAV (extra `video`).
+"""Writes the images of a run as a film (MP4, H.264), at the pace of the recording. Imports PyAV (extra `video`).
 
 The writer of OpenCV's wheel has no H.264, and its images are all shown for the same time.
 """
@@ -15,10 +15,10 @@ from lidcam.pipeline.core.arrays import U8
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.messages import Drop
 from lidcam.writers.base import ResultWriter
+from lidcam.writers.images.scene import SIZE_PX, Scenes
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.marks import FILM
 from lidcam.writers.outputs.transaction import OutputFile
-from lidcam.writers.pictures.scene import SIZE_PX, Scenes
 from lidcam.writers.provenance import Provenance
 
 TICKS_PER_S = 1000
@@ -83,12 +83,12 @@ class FilmWriter(ResultWriter):
         if self._waiting is not None:
             step_ns = stamp_ns - self._last_ns
             self._encode(step_ns if MIN_NS <= step_ns <= LONGEST_NS else LONGEST_NS)
-        picture, drops = self._scenes.all_cameras(self._scenes.add_frame(result))
-        self._waiting, self._last_ns = picture, stamp_ns
+        image, drops = self._scenes.all_cameras(self._scenes.add_frame(result))
+        self._waiting, self._last_ns = image, stamp_ns
         return drops
 
     def _encode(self, shown_ns: int) -> None:
-        """Write the picture that waits: for how long it is shown is known when the next one comes."""
+        """Write the image that waits: for how long it is shown is known when the next one comes."""
         if self._waiting is None:
             return
         frame = av.VideoFrame.from_ndarray(self._waiting, format="rgb24")

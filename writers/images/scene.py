@@ -1,4 +1,4 @@
-"""What the pictures of a run show: its cameras side by side, the site from above, and a clock."""
+"""What the images of a run show: its cameras side by side, the site from above, and a clock."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.text import brief
 from lidcam.writers.drawing import DrawnObjects, camera_image, height_range, strong_objects
-from lidcam.writers.pictures.above import Area, SiteMap, area_of, draw_above
-from lidcam.writers.pictures.camera import Look, draw_camera
-from lidcam.writers.pictures.canvas import FAINT_TEXT, Canvas
+from lidcam.writers.images.above import Area, SiteMap, area_of, draw_above
+from lidcam.writers.images.camera import Look, draw_camera
+from lidcam.writers.images.canvas import FAINT_TEXT, Canvas
 from lidcam.writers.trails import Trails
 from lidcam.writers.viewpoint import cameras_in_order
 
 SIZE_PX = (1920, 1080)
-"""Of a picture of all cameras."""
+"""Of an image of all cameras."""
 
 BAR_PX, GAP_PX = 40, 4
 MAX_IMAGES_SHARE = 0.6
@@ -38,12 +38,12 @@ _LEAST_CLOCK_NS = 10**18
 _UNKNOWN_AREA = Area(np.zeros(2), np.eye(2), np.full(2, 10.0), is_site=True)
 
 Drawn = tuple[U8, tuple[Drop, ...]]
-"""A picture, (H, W, 3) red, green, blue, and the images of the frame that cannot be decoded, dark in it."""
+"""An image, (H, W, 3) red, green, blue, and the images of the frame that cannot be decoded, dark in it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """What the pictures of a frame show."""
+    """What the images of a frame show."""
 
     frame: FrameResult  # The frame
     trails: list[F64]  # Of each of its objects (K, 3)
@@ -54,7 +54,7 @@ class Scene:
 
 
 class Scenes:
-    """Draws the frames of a run, and gathers what their pictures need of earlier ones.
+    """Draws the frames of a run, and gathers what their images need of earlier ones.
 
     Args:
         rig: The sensors.
@@ -83,7 +83,7 @@ class Scenes:
         return Scene(result, self._trails.add_frame(result), dict(self._images))
 
     def camera(self, scene: Scene, name: str) -> Drawn:
-        """The picture of a camera in its own size.
+        """The image of a camera in its own size.
 
         Raises:
             ConfigError: there is no camera of that name.
@@ -94,15 +94,15 @@ class Scenes:
         return self._camera(scene, cameras[name], cameras[name].model.width_px, "full")
 
     def all_cameras(self, scene: Scene) -> Drawn:
-        """The picture of all cameras and of the site from above."""
+        """The image of all cameras and of the site from above."""
         cameras, area = cameras_in_order(self._rig), self._area or _UNKNOWN_AREA
         places, above = _arranged([one.model.width_px / one.model.height_px for one in cameras], area)
         canvas = Canvas.blank(*SIZE_PX, letter_px=20)
         drops: list[Drop] = []
         for place, camera in zip(places, cameras, strict=True):
             width_px = min(place.width, int(place.height * camera.model.width_px / camera.model.height_px))
-            picture, unfit = self._camera(scene, camera, width_px, "full" if width_px >= FULL_PX else "compact")
-            _paste(canvas, picture, place)
+            image, unfit = self._camera(scene, camera, width_px, "full" if width_px >= FULL_PX else "compact")
+            _paste(canvas, image, place)
             drops += unfit
         site = draw_above(
             DrawnObjects.of(scene.frame, self._names),
@@ -126,8 +126,8 @@ class Scenes:
                 drops = [Drop(message.topic, message.stamp_ns, "the image cannot be shown", str(err))]
         title = f"{camera.name}, {late_s:.1f} s ago" if late_s else camera.name
         drawn = DrawnObjects.of(shown, self._names)
-        picture = draw_camera(drawn, camera, image, width_px=width_px, title=title, look=look)
-        return picture, () if late_s else tuple(drops)
+        pixels = draw_camera(drawn, camera, image, width_px=width_px, title=title, look=look)
+        return pixels, () if late_s else tuple(drops)
 
     def _draw_bar(self, canvas: Canvas, frame: FrameResult) -> None:
         """The clock, and how many objects of each class there are."""
@@ -144,7 +144,7 @@ class Scenes:
 
 
 class _Place(NamedTuple):
-    """A part of the picture, pixels."""
+    """A part of the image, pixels."""
 
     left: int
     top: int
@@ -185,8 +185,8 @@ def _arranged(aspects: list[float], area: Area) -> tuple[list[_Place], _Place]:
     return max(found, key=lambda one: one[0])[1:]
 
 
-def _paste(canvas: Canvas, picture: U8, place: _Place) -> None:
-    """Put a picture into the middle of its place, which is at least as large."""
-    height, width = picture.shape[:2]
+def _paste(canvas: Canvas, image: U8, place: _Place) -> None:
+    """Put an image into the middle of its place, which is at least as large."""
+    height, width = image.shape[:2]
     top, left = place.top + (place.height - height) // 2, place.left + (place.width - width) // 2
-    canvas.pixels[top : top + height, left : left + width] = picture
+    canvas.pixels[top : top + height, left : left + width] = image

@@ -8,8 +8,8 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F32, F64, U8
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.writers.drawing import DrawnObjects, drawn_boxes_2d, object_edges
+from lidcam.writers.images.canvas import TEXT, Canvas, Label
 from lidcam.writers.palette import MATCHED, class_color
-from lidcam.writers.pictures.canvas import TEXT, Canvas, Label
 
 Look = Literal["full", "compact"]
 """`compact`: thin lines and short texts, without the lines between what belongs together."""
@@ -24,13 +24,13 @@ def draw_camera(
     title: str,
     look: Look,
 ) -> U8:
-    """The picture of a camera in a frame, (H, W, 3), red, green, blue.
+    """The image of a camera in a frame, (H, W, 3), red, green, blue.
 
     Args:
         drawn: The objects of the frame.
         camera: The camera.
         image: (H, W, 3) its image; None where there is none.
-        width_px: Width of the picture; its height follows from the camera's.
+        width_px: Width of the image; its height follows from the camera's.
         title: Stands in the corner.
         look: Whether there is room for all.
     """

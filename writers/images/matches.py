@@ -9,10 +9,10 @@ from PIL import Image
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.messages import Drop
 from lidcam.writers.base import ResultWriter
+from lidcam.writers.images.scene import Scenes
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.marks import MATCHES
 from lidcam.writers.outputs.transaction import OutputFile
-from lidcam.writers.pictures.scene import Scenes
 from lidcam.writers.provenance import Provenance
 
 JPEG_QUALITY, MAX_COMMENT = 90, 65_000
@@ -34,21 +34,21 @@ class MatchesWriter(ResultWriter):
         self._output.part.mkdir()
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
-        """Write the pictures of one frame.
+        """Write the images of one frame.
 
         Returns:
-            Images that cannot be decoded: their pictures are dark.
+            Images that cannot be decoded, which are drawn dark.
         """
         scene, bundle = self._scenes.add_frame(result), result.bundle
         drops: list[Drop] = []
         for name, shown in scene.images.items():
             if shown is not result:
                 continue
-            picture, unfit = self._scenes.camera(scene, name)
+            image, unfit = self._scenes.camera(scene, name)
             drops += unfit
             facts = {"camera": name, "frame": bundle.index, "stamp_ns": bundle.stamp_ns, **self._origin}
             label, comment = re.sub(r"[^\w.-]", "_", name), f"{MATCHES} {json.dumps(facts)}"
             path = self._output.part / f"frame_{bundle.index:06d}_{label}.jpg"
             with output_errors(self.path), path.open("xb") as file:
-                Image.fromarray(picture).save(file, "JPEG", quality=JPEG_QUALITY, comment=comment[:MAX_COMMENT])
+                Image.fromarray(image).save(file, "JPEG", quality=JPEG_QUALITY, comment=comment[:MAX_COMMENT])
         return tuple(drops)

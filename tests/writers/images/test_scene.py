@@ -1,4 +1,4 @@
-"""Pictures of frames, judged by the colours of pixels where OpenCV projects what must be there."""
+"""Images of frames, judged by the colours of pixels where OpenCV projects what must be there."""
 
 from dataclasses import replace
 from itertools import combinations
@@ -17,9 +17,9 @@ from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.messages.image import decode_any_image
+from lidcam.writers.images.above import SiteMap, area_of
+from lidcam.writers.images.scene import SIZE_PX, Drawn, Scenes
 from lidcam.writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
-from lidcam.writers.pictures.above import SiteMap, area_of
-from lidcam.writers.pictures.scene import SIZE_PX, Drawn, Scenes
 
 
 def drawn(result: FrameResult, rig: Rig = RIG, camera: str = "", config: Config = CONFIG) -> Drawn:
@@ -28,10 +28,10 @@ def drawn(result: FrameResult, rig: Rig = RIG, camera: str = "", config: Config 
     return scenes.camera(scene, camera) if camera else scenes.all_cameras(scene)
 
 
-def has_color(picture: U8, places: F64, color: Rgb) -> bool:
+def has_color(image: U8, places: F64, color: Rgb) -> bool:
     """Whether within a pixel of all places (N, 2) there is the colour, nearly."""
     for x, y in np.floor(places).astype(int).tolist():
-        around = picture[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2].reshape(-1, 3).astype(int)
+        around = image[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2].reshape(-1, 3).astype(int)
         if np.abs(around - color.bytes_rgb).max(1).min() > 40:
             return False
     return True
@@ -47,10 +47,10 @@ def projected(points: F64, model: CameraModel, T_camera_site: F64) -> F64:
 
 def test_boxes_lie_where_the_lens_has_them() -> None:
     result = frame()
-    picture, drops = drawn(result, camera="left")
-    assert (picture.shape, str(picture.dtype), len(drops)) == ((480, 640, 3), "uint8", 0)
-    assert has_color(picture, np.array([[200.5, 240], [250, 150], [300.25, 200], [220, 250]]), MATCHED)
-    assert has_color(picture, np.array([[10, 50], [20, 60], [30, 50.0]]), CAMERA_ONLY)
+    image, drops = drawn(result, camera="left")
+    assert (image.shape, str(image.dtype), len(drops)) == ((480, 640, 3), "uint8", 0)
+    assert has_color(image, np.array([[200.5, 240], [250, 150], [300.25, 200], [220, 250]]), MATCHED)
+    assert has_color(image, np.array([[10, 50], [20, 60], [30, 50.0]]), CAMERA_ONLY)
     objects = result.fused.objects
     corners = box_corners(objects.centers, objects.sizes, objects.yaws)[0]
     edges = [pair for pair in combinations(range(8), 2) if _is_edge(corners, objects.sizes[0], *pair)]
@@ -60,7 +60,7 @@ def test_boxes_lie_where_the_lens_has_them() -> None:
     hidden = ((places > [196, 146]) & (places < [305, 255])).all(1)  # near the 2D box, which is on top
     assert len(edges) == 12
     assert (~hidden).sum() > 4
-    assert has_color(picture, places[~hidden], class_color(0))
+    assert has_color(image, places[~hidden], class_color(0))
 
 
 def _is_edge(corners: F64, size: F64, first: int, last: int) -> bool:
@@ -70,8 +70,8 @@ def _is_edge(corners: F64, size: F64, first: int, last: int) -> bool:
 @pytest.mark.parametrize("objects", [0, 1, 3])
 def test_all_cameras_beside_the_site(objects: int) -> None:
     result = frame(objects=objects)
-    picture, drops = drawn(result)
-    assert picture.shape == (SIZE_PX[1], SIZE_PX[0], 3)
+    image, drops = drawn(result)
+    assert image.shape == (SIZE_PX[1], SIZE_PX[0], 3)
     assert [(drop.topic, drop.reason) for drop in drops] == [("/right/image", "the image cannot be shown")]
     assert drops[0].stamp_ns == result.bundle.messages["/right/image"].stamp_ns
 
@@ -79,17 +79,17 @@ def test_all_cameras_beside_the_site(objects: int) -> None:
 def test_the_site_alone_without_cameras() -> None:
     result = replace(tracked_frame(0, Seen(7, 5, 3, 2.0), Seen(8, -9, 2)), views={})
     rig = replace(RIG, cameras=())
-    picture, _ = drawn(result, rig)
+    image, _ = drawn(result, rig)
     area = area_of(result, rig)
     assert area is not None
     outline = box_corners(result.fused.objects.centers, result.fused.objects.sizes, result.fused.objects.yaws)[:, :4]
     places = SiteMap(area, SIZE_PX[0], SIZE_PX[1] - 40).pixels(outline).reshape(-1, 2) + np.array([0, 40])
-    assert has_color(picture, places, class_color(0))
+    assert has_color(image, places, class_color(0))
     none = result.combined.cloud.select(np.zeros(0, np.intp))
     combined = replace(result.combined, cloud=none, ground_cloud=none)
     nothing = replace(result, combined=combined)
     assert area_of(replace(nothing, fused=tracked_frame(0).fused), rig) is None
-    assert drawn(nothing, rig)[0].shape == picture.shape
+    assert drawn(nothing, rig)[0].shape == image.shape
 
 
 def test_a_slow_camera_keeps_its_image_and_a_silent_one_does_not() -> None:

@@ -14,9 +14,9 @@ from video import psnr_db
 from lidcam.pipeline.core.arrays import U8
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.readers.messages.image import decode_any_image
+from lidcam.writers.images.film import FilmWriter
+from lidcam.writers.images.scene import SIZE_PX, Scenes
 from lidcam.writers.outputs.transaction import OutputFile
-from lidcam.writers.pictures.film import FilmWriter
-from lidcam.writers.pictures.scene import SIZE_PX, Scenes
 
 FRAME = frame()
 

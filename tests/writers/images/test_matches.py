@@ -1,4 +1,4 @@
-"""Pictures of cameras, read back by Pillow."""
+"""Images of cameras, read back by Pillow."""
 
 import json
 from dataclasses import replace
@@ -9,9 +9,9 @@ from PIL import Image
 
 from lidcam.pipeline.core.messages import Drop
 from lidcam.readers.messages.image import decode_any_image
+from lidcam.writers.images.matches import MatchesWriter
+from lidcam.writers.images.scene import Scenes
 from lidcam.writers.outputs.transaction import OutputFile
-from lidcam.writers.pictures.matches import MatchesWriter
-from lidcam.writers.pictures.scene import Scenes
 
 
 def test_one_file_per_camera_and_frame(tmp_path: Path) -> None:
@@ -21,7 +21,7 @@ def test_one_file_per_camera_and_frame(tmp_path: Path) -> None:
     first = replace(first, views=renamed)
     none = replace(first.bundle, index=1, messages={})
     without = replace(first, bundle=none, detections=replace(first.detections, cameras={}))
-    folder = tmp_path / "pictures"
+    folder = tmp_path / "images"
     with MatchesWriter(OutputFile(folder, folder), Scenes(rig, CONFIG, decode_any_image), PROVENANCE) as writer:
         drops = writer.write(first)
         assert writer.write(without) == ()
@@ -31,9 +31,9 @@ def test_one_file_per_camera_and_frame(tmp_path: Path) -> None:
         "frame_000000_right.jpg",
         "frame_000000_\u524d_left_1.jpg",
     ]
-    with Image.open(folder / "frame_000000_\u524d_left_1.jpg") as picture:
-        assert picture.size == (640, 480)
-        mark, _, facts = picture.info["comment"].decode().partition(" ")
+    with Image.open(folder / "frame_000000_\u524d_left_1.jpg") as image:
+        assert image.size == (640, 480)
+        mark, _, facts = image.info["comment"].decode().partition(" ")
     known = json.loads(facts)
     assert mark == "lidcam.matches"
     assert (known["camera"], known["frame"], known["version"]) == ("\u524d left/1", 0, "1.2.3")

@@ -1,4 +1,4 @@
-"""Lines, areas and texts on an image, in the same manner in all pictures."""
+"""Lines, areas and texts on an image, in the same manner in all images."""
 
 from collections.abc import Iterable, Sequence
 from functools import cache

@@ -11,8 +11,8 @@ from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.rig import Rig
 from lidcam.writers.drawing import DrawnObjects, ground_ellipses, strong_objects
+from lidcam.writers.images.canvas import FAINT_TEXT, TEXT, Canvas, Color, Label
 from lidcam.writers.palette import GROUND, HEIGHT_COLORS, class_color, height_rows
-from lidcam.writers.pictures.canvas import FAINT_TEXT, TEXT, Canvas, Color, Label
 from lidcam.writers.viewpoint import front_of_rig
 
 _GRID: Color = (38, 42, 48)
@@ -60,7 +60,7 @@ def area_of(result: FrameResult, rig: Rig) -> Area | None:
 
 
 class SiteMap:
-    """Where places of the site lie in a picture.
+    """Where places of the site lie in an image.
 
     Attributes:
         px_per_m: Its scale.

@@ -1,4 +1,4 @@
-"""Pictures and films of runs, by the installed command and from Python."""
+"""Images and films of runs, by the installed command and from Python."""
 
 import subprocess
 import sys
@@ -39,7 +39,7 @@ def images_of(film: Path) -> list[U8]:
 @pytest.fixture(scope="module")
 def made(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
-    outputs = (folder / "out.mcap", "--video", folder / "out.mp4", "--save-matches", folder / "pictures")
+    outputs = (folder / "out.mcap", "--video", folder / "out.mp4", "--save-matches", folder / "images")
     done = process(sandbox, *outputs, *PART, "--workers", 1)
     assert done.returncode == 0, done.stderr
     assert f"open {folder / 'out.mp4'} in a browser" in done.stdout
@@ -52,10 +52,10 @@ def test_frames_draw_the_same(made: Path, sandbox: Path) -> None:
     assert len(frames) == len(shown) > 1
     for number, (frame, image) in enumerate(zip(frames, shown, strict=True)):
         assert psnr_db(image, frame.draw()) > 28
-        picture = cv2.imread(str(made / "pictures" / f"frame_{number:06d}_{CAMERA}.jpg"))
-        assert picture is not None
-        assert psnr_db(np.asarray(picture[..., ::-1], np.uint8), frame.draw(CAMERA)) > 30
-    assert len([*(made / "pictures").iterdir()]) == 8 * len(frames)
+        read_back = cv2.imread(str(made / "images" / f"frame_{number:06d}_{CAMERA}.jpg"))
+        assert read_back is not None
+        assert psnr_db(np.asarray(read_back[..., ::-1], np.uint8), frame.draw(CAMERA)) > 30
+    assert len([*(made / "images").iterdir()]) == 8 * len(frames)
     with pytest.raises(library.ConfigError, match="camera: expected one of cam11, "):
         frames[0].draw("front")
 
@@ -65,11 +65,11 @@ def test_a_later_run_replaces_them_with_the_same_bytes(made: Path, sandbox: Path
         return {path.name: path.read_bytes() for path in made.rglob("*") if path.suffix in {".mp4", ".jpg"}}
 
     before = content()
-    library.process(sandbox, made / "out.mp4", save_matches=made / "pictures", **SAME)
+    library.process(sandbox, made / "out.mp4", save_matches=made / "images", **SAME)
     assert content() == before
-    (made / "pictures" / "notes.txt").touch()
-    with pytest.raises(library.OutputError, match="holds more than the pictures of an earlier run"):
-        library.process(sandbox, save_matches=made / "pictures", duration_s=0.3, overwrite=True)
+    (made / "images" / "notes.txt").touch()
+    with pytest.raises(library.OutputError, match="holds more than the images of an earlier run"):
+        library.process(sandbox, save_matches=made / "images", duration_s=0.3, overwrite=True)
 
 
 def test_a_recording_without_cameras(tmp_path: Path, lidcam: Lidcam) -> None:
@@ -77,12 +77,12 @@ def test_a_recording_without_cameras(tmp_path: Path, lidcam: Lidcam) -> None:
     done = lidcam("process", tmp_path / "rec.mcap", tmp_path / "out.mcap", "--video", tmp_path / "out.mp4")
     assert done.code == 0, done.err
     assert len(images_of(tmp_path / "out.mp4")) == 3
-    refused = lidcam("process", tmp_path / "rec.mcap", tmp_path / "other.mcap", "--save-matches", tmp_path / "pictures")
-    assert "pictures: pictures of matches need cameras" in refused.error_line
+    refused = lidcam("process", tmp_path / "rec.mcap", tmp_path / "other.mcap", "--save-matches", tmp_path / "images")
+    assert "images: images of matches need cameras" in refused.error_line
     assert not (tmp_path / "other.mcap").exists()
 
 
-@pytest.mark.parametrize(("option", "name"), [("--video", "out.mp4"), ("--save-matches", "pictures")])
+@pytest.mark.parametrize(("option", "name"), [("--video", "out.mp4"), ("--save-matches", "images")])
 def test_images_that_are_not_read(option: str, name: str, tmp_path: Path, sandbox: Path, lidcam: Lidcam) -> None:
     without = ("--set", "output.images=false", *PART)
     refused = lidcam("process", sandbox, tmp_path / "out.mcap", option, tmp_path / name, *without)

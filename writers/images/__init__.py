@@ -1,0 +1,1 @@
+"""Results as images and as a film."""

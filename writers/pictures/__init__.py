@@ -1,1 +1,0 @@
-"""Results as pictures and as a film."""
