@@ -130,10 +130,7 @@ class Graph(Generic[F]):
 
     @contextmanager
     def stage(self, name: str, frame: Stamped, *, timed: bool = True) -> Iterator[None]:
-        """Count the time of the block as that of a stage, and name stage and frame in its errors.
-
-        For what is done with a frame after the graph, too.
-        """
+        """Count the time of the block, in the graph or behind it, as a stage's; name stage and frame in its errors."""
         start = time.perf_counter()
         try:
             yield

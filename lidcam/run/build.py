@@ -57,16 +57,14 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
     propose = Propose(rig, fitter, config.detect3d.cluster, config.classes)
     proposed = graph.add_stage("propose", propose, combined, lidar, matches, placed)
-    hypotheses = graph.add_stage(
-        "associate all", partial(_hypotheses, associate), lidar, matches, proposed, boxes2d, views
-    )
+    associate_all = partial(_hypotheses, associate)
+    hypotheses = graph.add_stage("associate all", associate_all, lidar, matches, proposed, boxes2d, views)
     # Class, position and existence.
     tells_class = config.detect3d.scores_are_probabilities
     classify = Classify(config.classes, riders, scores_are_probabilities=tells_class)
     hypotheses = graph.add_stage("classify", classify, hypotheses, boxes2d)
-    hypotheses = graph.add_stage(
-        "reshape", Reshape(fitter, config.detect3d, config.classes), combined, hypotheses, lidar
-    )
+    reshape = Reshape(fitter, config.detect3d, config.classes)
+    hypotheses = graph.add_stage("reshape", reshape, combined, hypotheses, lidar)
     hypotheses = graph.add_stage("refine", Refine(rig, config.fuse), hypotheses, boxes2d, views)
     look = partial(find_visibility, agreement=class_agreement(config.classes, riders))
     visibility = graph.add_stage("visibility", look, hypotheses, boxes2d, views, combined)
@@ -86,9 +84,8 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     inputs = combined, detections, views, hypotheses, beliefs, fused, unused
     result = graph.add_stage("collect", _collect, graph.frame, *inputs, timed=False)
     if config.track.mode != "none" and config.track.odometry == "auto" and rig.lidars:
-        result = graph.add_stage(
-            "odometry", partial(_with_odometry, FindOdometry(), rig.site_frame), result, ordered=True
-        )
+        find = partial(_with_odometry, FindOdometry(), rig.site_frame)
+        result = graph.add_stage("odometry", find, result, ordered=True)
     return graph, graph.add_stage("ends", _with_end_points, result) if config.track.mode == "offline" else result
 
 

@@ -237,10 +237,9 @@ def loss_records(losses: Sequence[Loss]) -> list[dict[str, Any]]:
     return [{"file": str(loss.path), **{key: getattr(loss, key) for key in keys}} for loss in losses]
 
 
-def summary_tree(summary: RunSummary) -> dict[str, Any]:
+def summary_tree(run: RunSummary) -> dict[str, Any]:
     """The summary of a run as plain values, for JSON."""
-    inputs, frames, drops = summary.inputs, summary.frames, summary.drops
-    sensors, timing = summary.sensors, summary.timing
+    inputs, frames, drops, sensors, timing = run.inputs, run.frames, run.drops, run.sensors, run.timing
     return {
         "frames": frames.count,
         "sync": {"skew_mean_ms": frames.skew_mean_ms, "skew_max_ms": frames.skew_max_ms},
@@ -259,7 +258,7 @@ def summary_tree(summary: RunSummary) -> dict[str, Any]:
             "frames_from_clouds": frames.odometry,
             "frames_predicted": frames.odometry_predicted,
         },
-        "road_users": _road_users_tree(summary.road_users),
+        "road_users": _road_users_tree(run.road_users),
         "objects": [{"class": c, "zone": z or None, "count": count} for (c, z), count in frames.objects.items()],
         "object_sources": dict(frames.sources),
         "confirmed": frames.confirmed,
@@ -277,7 +276,7 @@ def summary_tree(summary: RunSummary) -> dict[str, Any]:
         "boxes_without_object": dict(drops.boxes_without_object),
         "objects_left_out": dict(drops.objects),
         "faults": [asdict(fault) for fault in sensors.faults],
-        "outputs": [str(place) for place in (*summary.outputs, *summary.sent)],
+        "outputs": [str(place) for place in (*run.outputs, *run.sent)],
     }
 
 

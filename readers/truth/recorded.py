@@ -54,9 +54,8 @@ class RecordedTruth(TruthSource):
         if config.evaluate.truth_time == "points":
             self._wanted = topics.when_measured or topics.objects
             if not topics.when_measured:
-                self._notes.add_note(
-                    f"no {topics.objects}_when_measured was recorded: compared at the stamp of each frame"
-                )
+                missing = f"no {topics.objects}_when_measured was recorded"
+                self._notes.add_note(f"{missing}: compared at the stamp of each frame")
         self._timelines = {topic: Timeline() for topic in dict.fromkeys((self._wanted, topics.objects))}
         self._images = {camera.name: _Images() for camera in cameras} if topics.visible else {}
         self._camera_of_frame = {camera.T_camera_site.dst: camera.name for camera in cameras}

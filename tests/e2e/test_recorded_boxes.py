@@ -124,11 +124,8 @@ def test_boxes_of_lidars_and_cameras_without_any_cloud(
     ]
     assert (tmp_path / "1.mcap").read_bytes() == (tmp_path / "2.mcap").read_bytes()
     summary = summaries[0]
-    assert (summary.sensors.rig.lidars, summary.frames.count, summary.frames.confirmed > 0) == (
-        (),
-        len(boxes) - 1,
-        True,
-    )
+    assert (summary.sensors.rig.lidars, summary.frames.count) == ((), len(boxes) - 1)
+    assert summary.frames.confirmed > 0
     kept = lidar_boxes(clusters)
     del kept[boxes[1].stamp_ns]
     same(kept, lidar_boxes(tmp_path / "1.mcap"))

@@ -139,9 +139,8 @@ def add_anchor_boxes(graph: Graph, model: KitModel, head: AnchorHead, rows: Rows
     heading = graph.add_node("Add", _columns(graph, numbers, 6), anchor_yaw)
     if rows.turns:
         part = np.array(2 * math.pi / head.directions)
-        which = graph.add_node(
-            "Cast", graph.add_node("ArgMax", graph.add_node("Gather", rows.turns, likely), axis=1), to=FLOAT
-        )
+        turns = graph.add_node("Gather", rows.turns, likely)
+        which = graph.add_node("Cast", graph.add_node("ArgMax", turns, axis=1), to=FLOAT)
         since = graph.add_node("Div", graph.add_node("Sub", heading, np.array(head.offset_rad)), part)
         whole = graph.add_node("Floor", graph.add_node("Add", since, np.array(head.limit)))
         heading = graph.add_node("Add", heading, graph.add_node("Mul", graph.add_node("Sub", which, whole), part))

@@ -40,9 +40,8 @@ def onnx_bytes(network: PillarNetwork, specs: PillarSpecs, learned: Grid) -> byt
     encoded = graph.add_node("Relu", _normalised(graph, graph.add_node("MatMul", "features", weight), norm))
     empty = graph.add_node("ConstantOfShape", np.array([cells * cells, WIDTH]))
     canvas = graph.add_node("ScatterND", empty, "pillar", encoded, reduction="max")
-    image = graph.add_node(
-        "Reshape", graph.add_node("Transpose", canvas, perm=[1, 0]), np.array([1, WIDTH, cells, cells])
-    )
+    rows = graph.add_node("Transpose", canvas, perm=[1, 0])
+    image = graph.add_node("Reshape", rows, np.array([1, WIDTH, cells, cells]))
     total = ""
     for block, (layer, norm) in zip(parts.blocks, parts.ups, strict=True):
         image = _convolutions(graph, image, block)
