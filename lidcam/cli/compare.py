@@ -109,7 +109,7 @@ def compare(
     with json_output(json_file, inputs=inputs, overwrite=overwrite) as write_json:
         with open_result(first) as one, open_result(second) as other, ExitStack() as stack:
             comparison = _comparison(one, other, config, only or (), allow or ())
-            for pair in _pairs(one, other, config, stack):
+            for pair in _pairs(one, other, stack):
                 comparison.add_pair(pair)
             comparison.close()
             losses = *one.recording.losses, *other.recording.losses
@@ -192,7 +192,7 @@ def _recordings_note(first: "Result", second: "Result") -> Iterator[str]:
         yield f"A and B are results of different recordings: {', '.join(names[0])}, {', '.join(names[1])}"
 
 
-def _pairs(first: "Result", second: "Result", config: "CompareConfig", stack: ExitStack) -> Iterator["FramePair"]:
+def _pairs(first: "Result", second: "Result", stack: ExitStack) -> Iterator["FramePair"]:
     """The frames of both, with progress."""
     from lidcam.cli.printing.progress import show_progress
     from lidcam.pipeline.evaluation.comparison.frames import paired_frames
@@ -200,7 +200,7 @@ def _pairs(first: "Result", second: "Result", config: "CompareConfig", stack: Ex
     start_ns = min(first.recording.start_ns, second.recording.start_ns)
     end_ns = max(first.recording.end_ns, second.recording.end_ns)
     advance = stack.enter_context(show_progress((end_ns - start_ns) / 1e9))
-    pairs = paired_frames(first.frames(), second.frames(), max_apart_ns=round(config.stamp_s * 1e9))
+    pairs = paired_frames(first.frames(), second.frames())
     for number, pair in enumerate(pairs):
         yield pair
         log_time_ns = max(frame.log_time_ns for frame in (pair.first, pair.second) if frame is not None)

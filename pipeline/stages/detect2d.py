@@ -19,6 +19,9 @@ from lidcam.pipeline.detectors.riders import PERSON, RIDDEN, finds_riders_apart,
 NMS_IOU = 0.45
 """Of two boxes of one class whose IoU exceeds this, the one with the lower score is removed."""
 
+NMS_IOU_ANY = 0.6
+"""The same of two boxes of different classes: networks see some cars as trucks, too."""
+
 
 class Detect2D:
     """Boxes of the configured classes in the images of a frame."""
@@ -81,7 +84,7 @@ class Detect2D:
         if self._joins_riders:
             boxes = join_riders(boxes, self._is_person[labels], self._is_ridden[labels])
         as_one_class = replace(boxes, class_ids=np.zeros_like(boxes.class_ids))
-        return boxes.select(suppress_overlaps(as_one_class, max_iou=self._settings.nms_iou_any))
+        return boxes.select(suppress_overlaps(as_one_class, max_iou=NMS_IOU_ANY))
 
 
 def suppress_overlaps(boxes: Boxes2D, *, max_iou: float) -> Indices:

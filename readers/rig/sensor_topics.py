@@ -24,6 +24,9 @@ from lidcam.readers.video.packets import VIDEO
 
 CLOUD, IMAGE = types_of("cloud"), types_of("image")
 CAMERA_INFO, BOXES = types_of("camera info"), types_of("2D boxes")
+MADE_OF_OTHERS = "/point_cloud_combined", "/ground_cloud"
+"""Topics made of others, which are used only if no other topic of their kind was recorded."""
+
 DEPTH_ENCODINGS = frozenset({"16UC1", "32FC1", "32SC1"})
 
 
@@ -93,7 +96,7 @@ def find_lidar_topics(
         for info in infos
         if info.gathered_from
     ]
-    chosen = _first_hand(measured, config, notes)
+    chosen = _first_hand(measured, notes)
     return [info.topic for info in _clouds_before_packets(chosen, first, notes)]
 
 
@@ -112,7 +115,7 @@ def find_camera_topics(
         notes += [] if config.cameras else ["topics.cameras is empty: no camera is used"]
     else:
         infos = _readable(topics_with_messages(recording, IMAGE, config), "camera", findings)
-        images = _one_per_camera(_first_hand(infos, config, notes), first, notes)
+        images = _one_per_camera(_first_hand(infos, notes), first, notes)
         only_boxes_allowed = set(boxes)
     calibrations = sorted(readable_topics(recording, CAMERA_INFO), key=natural_key)
 
@@ -180,14 +183,14 @@ def configured_topics(
     return [topic for topic in dict.fromkeys(topics) if topic in there]
 
 
-def _first_hand(infos: Sequence[TopicInfo], config: TopicsConfig, notes: list[str]) -> list[TopicInfo]:
-    """Topics that were recorded by themselves, else parts of combined messages, else `topics.last_resort`.
+def _first_hand(infos: Sequence[TopicInfo], notes: list[str]) -> list[TopicInfo]:
+    """Topics that were recorded by themselves, else parts of combined messages, else those made of others.
 
     A recording of a whole system has the sensors' messages and also what its nodes made of them.
     """
 
     def hand(info: TopicInfo) -> int:
-        if any(fnmatchcase(info.topic, pattern) for pattern in config.last_resort):
+        if info.topic in MADE_OF_OTHERS:
             return 2
         return 1 if info.part_of else 0
 

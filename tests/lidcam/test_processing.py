@@ -31,7 +31,7 @@ STEP_NS = 100_000_000
 START_NS = 1_600_000_000_000_000_000
 FRONT, REAR, IMAGES, ODOMETRY = "/front/points", "/rear/points", "/cam/image_raw", "/odom"
 IN_USE = (FRONT, REAR, IMAGES)
-POLICIES = ("approximate_time", "approximate_time_python", "nearest")
+POLICIES = ("approximate_time", "nearest")
 
 
 def config(**sync: object) -> Config:

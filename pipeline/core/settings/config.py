@@ -47,6 +47,7 @@ class Config(SettingsModel):
     """
 
     GONE: ClassVar[Mapping[str, str]] = {
+        "topics.last_resort": "now a constant: /point_cloud_combined and /ground_cloud",
         "sync.age_penalty": _constant(0.1),
         "combine.motion.max_extrapolation_s": _constant(0.2),
         "combine.motion.max_gap_s": _constant(1.0),
@@ -59,6 +60,7 @@ class Config(SettingsModel):
         "detect3d.recorded.position_sigma_m": _constant(0.3),
         "detect3d.recorded.yaw_sigma_deg": _constant(10.0),
         "detect2d.nms_iou": _constant(0.45),
+        "detect2d.nms_iou_any": _constant(0.6),
         "associate": "now constants of pipeline/core/association.py",
         "fuse.min_score_unconfirmed": "fuse.min_score is a probability, with cameras and without",
         "fuse.heading_sigma_deg": _constant(5.0),
@@ -66,6 +68,9 @@ class Config(SettingsModel):
         "fuse.corner_rounding": _constant(0.25),
         "fuse.underside": _constant(0.06),
         "fuse.cabin": _constant(0.4),
+        "compare.gate": _constant(1.0),
+        "compare.min_iou": _constant(0.3),
+        "compare.stamp_s": _constant(0.01),
         "run.window": "now two frames per process and one more: use run.workers",
         "limits": "use limit_scale, which multiplies all limits",
     }

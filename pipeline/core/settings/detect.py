@@ -139,8 +139,6 @@ class Detect2DConfig(SettingsModel):
             a network takes grows with them, and so does the distance at which it finds things.
         min_score: Boxes with a lower score are removed. Low, because what a 2D box is worth is decided together with
             the lidars.
-        nms_iou_any: Of two boxes of different classes whose IoU exceeds this, the one with the lower score is removed:
-            networks see some objects as two, a car and a truck. With 1 both stay.
         class_numbers: Meaning of a number in the place of a class name in recorded boxes: with `labels` the class that
             has it among its labels, with `coco` a row of the 80 names of COCO, from 0 (0 person, 2 car). A name is
             looked up in the labels either way.
@@ -157,6 +155,5 @@ class Detect2DConfig(SettingsModel):
     input: Literal["auto"] | tuple[Count, Count] = "auto"
     max_input_px: Count = 1_000_000
     min_score: Share = 0.15
-    nms_iou_any: Share = 0.6
     class_numbers: Literal["labels", "coco"] = "labels"
     threads: Count = 1

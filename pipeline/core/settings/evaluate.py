@@ -54,7 +54,7 @@ class EvaluateConfig(SettingsModel):
 
 
 class CompareConfig(SettingsModel):
-    """Comparison of two results: what still counts as equal, and what as the same object.
+    """Comparison of two results: what still counts as equal.
 
     Attributes:
         position_m: Farthest that the centre of an object may have moved.
@@ -62,10 +62,6 @@ class CompareConfig(SettingsModel):
         size_m: Largest difference in length, width or height.
         score: Largest difference of scores, of objects and of 2D boxes.
         pixels: Farthest that an edge of a 2D box may have moved.
-        gate: Up to which distance two objects can be the same one, in lengths of the class (`classes.N.size_m`); beyond
-            it one is lost and the other new.
-        min_iou: Smallest IoU of two 2D boxes that can be the same one.
-        stamp_s: Largest difference of stamps of what can be the same frame.
     """
 
     position_m: NotNegative = 0.01
@@ -73,6 +69,3 @@ class CompareConfig(SettingsModel):
     size_m: NotNegative = 0.01
     score: Share = 0.01
     pixels: NotNegative = 1.0
-    gate: Positive = 1.0
-    min_iou: Share = 0.3
-    stamp_s: NotNegative = 0.01

@@ -21,15 +21,12 @@ class TopicsConfig(SettingsModel):
         boxes3d: Topics with 3D boxes of a detector (vision_msgs/Detection3DArray or Autoware's DetectedObjects), for
             `detect3d.method: recorded`. If null: all that are neither truth nor what lidcam itself writes.
         exclude: Topics to ignore, by name or shell pattern.
-        last_resort: Topics, by name or shell pattern, derived from other topics: used only if no other topic of their
-            kind was recorded. Parts of combined messages come before them, and after topics recorded on their own.
     """
 
     lidars: tuple[str, ...] | None = None
     cameras: tuple[str, ...] | None = None
     boxes3d: tuple[str, ...] | None = None
     exclude: tuple[str, ...] = ()
-    last_resort: tuple[str, ...] = ("/point_cloud_combined", "/ground_cloud")
 
 
 class ZoneConfig(SettingsModel):

@@ -9,15 +9,14 @@ class SyncConfig(SettingsModel):
     """Finding the messages of one moment.
 
     Attributes:
-        policy: `approximate_time` (message_filters in C++), `approximate_time_python` (message_filters in Python, as in
-            the predecessor system) or `nearest` (nearest to each message of the reference topic).
+        policy: `approximate_time` (as message_filters in C++) or `nearest` (nearest to each message of the reference
+            topic).
         reference: str whose stamps the frames take, and which they need, while it is alive; if empty or silent, the
             first required one that is alive.
         queue_size: Messages kept per required topic, and frames that wait for the other topics; of those, twice as many
             messages are kept.
-        slop_s: Messages of the topics that are not required are at most this far from the reference. Of the required
-            ones, the stamps spread by less than this under `approximate_time_python`, and are at most this far from the
-            reference under `nearest`; `approximate_time` does not use it.
+        slop_s: Messages of the topics that are not required are at most this far from the reference; under `nearest`
+            those of the required ones, too.
         max_interval_s: Largest spread of the required topics' stamps in a frame under `approximate_time`; null for no
             limit, as in ROS.
         required: Topics that a frame needs while they are alive: `lidars` (in a recording without any, those of the
@@ -29,7 +28,7 @@ class SyncConfig(SettingsModel):
         every: Of this many frames the first is processed: 1 for all.
     """
 
-    policy: Literal["approximate_time", "approximate_time_python", "nearest"] = "approximate_time"
+    policy: Literal["approximate_time", "nearest"] = "approximate_time"
     reference: str = ""
     queue_size: Count = 10
     slop_s: NotNegative = 0.1

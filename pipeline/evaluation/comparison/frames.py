@@ -5,6 +5,9 @@ from dataclasses import dataclass
 
 from lidcam.pipeline.evaluation.evaluation_frame import ResultFrame
 
+MAX_APART_NS = 10_000_000
+"""Maximum difference of the stamps of frames that show the same moment."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FramePair:
@@ -14,12 +17,10 @@ class FramePair:
     second: ResultFrame | None
 
 
-def paired_frames(
-    first: Iterable[ResultFrame], second: Iterable[ResultFrame], *, max_apart_ns: int
-) -> Iterator[FramePair]:
+def paired_frames(first: Iterable[ResultFrame], second: Iterable[ResultFrame]) -> Iterator[FramePair]:
     """The frames of two results side by side, in order of time; each frame once.
 
-    A frame has as its partner the nearest one of the other result, if that is at most `max_apart_ns` away and has no
+    A frame has as its partner the nearest one of the other result, if that is at most `MAX_APART_NS` away and has no
     nearer one itself; of two that are equally near, the earlier. Frames are not held.
     """
     a, b = _Ahead(first), _Ahead(second)
@@ -31,7 +32,7 @@ def paired_frames(
         earlier, later = (a, b.here) if is_first_earlier else (b, a.here)
         apart_ns = abs(a.here.stamp_ns - b.here.stamp_ns)
         is_nearer_later = earlier.after is not None and abs(earlier.after.stamp_ns - later.stamp_ns) < apart_ns
-        if apart_ns <= max_apart_ns and not is_nearer_later:
+        if apart_ns <= MAX_APART_NS and not is_nearer_later:
             yield FramePair(a.take(), b.take())
         elif is_first_earlier:
             yield FramePair(a.take(), None)

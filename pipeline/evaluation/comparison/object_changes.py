@@ -24,6 +24,9 @@ KINDS: tuple[Kind, ...] = ("lost", "new", "moved", "turned", "resized", "relabel
 PAIR_KINDS: tuple[Kind, ...] = KINDS[2:]
 """Kinds of differences of an object that both results have."""
 
+MIN_IOU = 0.3
+"""Minimum IoU of two 2D boxes that can be the same one."""
+
 CLASS_COST = 0.1
 """Cost of pairing objects of different classes, as a share of the gate."""
 
@@ -143,7 +146,7 @@ def source_changes(first: Objects[Boxes3D], second: Objects[Boxes3D], config: Co
     are given anew in each run: equal ones bring two objects nearer by a tenth of the gate.
     """
     a, b = first.boxes, second.boxes
-    gates_m = config.gate * np.maximum(first.reaches[:, None], second.reaches)
+    gates_m = np.maximum(first.reaches[:, None], second.reaches)
     distances = np.linalg.norm(a.centers[:, None] - b.centers, axis=-1) / gates_m
     sizes = a.sizes[:, None]
     resized = np.abs(sizes - b.sizes).max(-1) / np.maximum(np.maximum(sizes, b.sizes).max(-1), 1e-9)
@@ -171,7 +174,7 @@ def image_changes(first: Objects[Boxes2D], second: Objects[Boxes2D], config: Com
     """
     a, b = first.boxes, second.boxes
     is_equal = (a.xyxy[:, None] == b.xyxy).all(-1)  # also without an area
-    lack = np.where(is_equal, 0.0, 1 - iou_xyxy(a.xyxy, b.xyxy)) / max(1 - config.min_iou, 1e-9)
+    lack = np.where(is_equal, 0.0, 1 - iou_xyxy(a.xyxy, b.xyxy)) / (1 - MIN_IOU)
     i, j = _paired(first, second, lack + APPEARANCE_COST * _apart(a.scores[:, None], b.scores))
     nothing = np.zeros(len(i)), 0.0
     measured = [

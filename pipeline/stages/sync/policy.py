@@ -14,7 +14,6 @@ class DropReason(StrEnum):
     TOO_FAR = "no partner within the allowed interval"
     AFTER_OVERFLOW = "its partner may be among the messages that a full queue lost"
     LEFT_OUT = "left out of a better set"
-    REPLACED = "replaced by a later message of the same stamp"
     TOO_LATE = "arrived after newer messages had taken its place; a larger sync.queue_size waits longer"
     NO_REFERENCE = "no reference message within slop"
     END = "no partner before the end of the recording"

@@ -10,7 +10,6 @@ from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.messages import Drop, RawMessage
 from lidcam.pipeline.core.settings.sync import SyncConfig
 from lidcam.pipeline.stages.sync.approximate_time import ApproximateTime
-from lidcam.pipeline.stages.sync.approximate_time_python import ApproximateTimePython
 from lidcam.pipeline.stages.sync.attendance import Attendance
 from lidcam.pipeline.stages.sync.liveness import Liveness
 from lidcam.pipeline.stages.sync.nearest import Nearest
@@ -207,8 +206,6 @@ def _policy(config: SyncConfig, topics: Sequence[str], reference: int, on_drop: 
                 max_interval_ns=None if config.max_interval_s is None else _nanoseconds(config.max_interval_s),
                 on_drop=on_drop,
             )
-        case "approximate_time_python":
-            return ApproximateTimePython(len(topics), queue_size=config.queue_size, slop_ns=slop_ns, on_drop=on_drop)
         case "nearest":
             return Nearest(topics, reference=reference, queue_size=config.queue_size, slop_ns=slop_ns, on_drop=on_drop)
 

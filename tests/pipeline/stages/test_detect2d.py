@@ -12,7 +12,6 @@ from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.core.settings.detect import Detect2DConfig
 from lidcam.pipeline.detectors.protocols import Candidates2D, Detector2D
 from lidcam.pipeline.stages.detect2d import Detect2D, suppress_overlaps
 
@@ -42,8 +41,8 @@ def stage_of(detector: Detector2D, config: Config | None = None, *cameras: str) 
     return Detect2D(rig, config.class_id_of_label, config.detect2d, detector)
 
 
-def detect(rows: Sequence[Row], **settings: float) -> list[tuple[list[float], float, str]]:
-    config = Config(detect2d=Detect2DConfig.model_validate(settings))
+def detect(rows: Sequence[Row]) -> list[tuple[list[float], float, str]]:
+    config = Config()
     found = stage_of(Proposals(rows), config)({"cam": image()})["cam"]
     names = [config.class_names[i] for i in found.class_ids]
     return list(zip(found.xyxy.tolist(), [round(float(s), 3) for s in found.scores], names, strict=True))
@@ -98,11 +97,6 @@ def test_networks_that_know_cyclists_are_believed() -> None:
 def test_equal_scores_keep_the_order_of_the_network() -> None:
     rows: list[Row] = [(x, 10, x + 20, 40, 0.5, "car") for x in (100, 0, 50)]
     assert [xyxy[0] for xyxy, _, _ in detect(rows)] == [100, 0, 50]
-
-
-def test_two_classes_on_one_place_may_stay() -> None:
-    rows: list[Row] = [(11, 10, 50, 40, 0.6, "person"), CAR]
-    assert [name for _, _, name in detect(rows, nms_iou_any=1.0)] == ["car", "pedestrian"]
 
 
 def test_cameras_in_the_order_of_the_rig_and_none_without_an_image() -> None:

@@ -16,7 +16,7 @@ from lidcam.pipeline.stages.sync.policy import DropReason
 from lidcam.pipeline.stages.sync.synchronize import SyncStats, synchronize
 
 MS = 1_000_000
-policies = pytest.mark.parametrize("policy", ["approximate_time", "approximate_time_python", "nearest"])
+policies = pytest.mark.parametrize("policy", ["approximate_time", "nearest"])
 LIDARS = ("/lidar0", "/lidar1", "/lidar2")
 CAMERAS = tuple(f"/cam{number}" for number in range(8))
 TOPICS = LIDARS + CAMERAS

@@ -4,7 +4,7 @@ import itertools
 import json
 import random
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from typing import Any, Literal
 
@@ -14,13 +14,12 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from lidcam.pipeline.stages.sync.approximate_time import ApproximateTime
-from lidcam.pipeline.stages.sync.approximate_time_python import ApproximateTimePython, first_combination
 from lidcam.pipeline.stages.sync.nearest import Nearest
 from lidcam.pipeline.stages.sync.policy import DropReason, Policy
 
 MS = 1_000_000
-PolicyName = Literal["approximate_time", "approximate_time_python", "nearest"]
-POLICIES: tuple[PolicyName, ...] = ("approximate_time", "approximate_time_python", "nearest")
+PolicyName = Literal["approximate_time", "nearest"]
+POLICIES: tuple[PolicyName, ...] = ("approximate_time", "nearest")
 policies = pytest.mark.parametrize("name", POLICIES)
 
 Item = tuple[int, int, int]  # topic, stamp_ns, number of the arrival
@@ -38,8 +37,6 @@ def make_policy(
     slop_ns = slop_ms * MS
     if name == "approximate_time":
         return ApproximateTime(topic_count, queue_size=queue_size, max_interval_ns=slop_ns, on_drop=on_drop)
-    if name == "approximate_time_python":
-        return ApproximateTimePython(topic_count, queue_size=queue_size, slop_ns=slop_ns, on_drop=on_drop)
     topics = [f"/t{topic}" for topic in range(topic_count)]
     return Nearest(topics, reference=0, queue_size=queue_size, slop_ns=slop_ns, on_drop=on_drop)
 
@@ -74,20 +71,15 @@ def oracle_cases() -> dict[str, dict[str, Any]]:
 
 def oracle_policy(variant: str, case: dict[str, Any], on_drop: Callable[[Any, str], None]) -> Policy[list[int]]:
     topic_count, queue_size, slop_ns = case["topics"], case["queue_size"], round(case["slop"] * 1e9)
-    match variant:
-        case "python":
-            return ApproximateTimePython(topic_count, queue_size=queue_size, slop_ns=slop_ns, on_drop=on_drop)
-        case "default":
-            return ApproximateTime(topic_count, queue_size=queue_size, on_drop=on_drop)
-        case _:
-            return ApproximateTime(topic_count, queue_size=queue_size, max_interval_ns=slop_ns, on_drop=on_drop)
+    max_interval_ns = None if variant == "default" else slop_ns
+    return ApproximateTime(topic_count, queue_size=queue_size, max_interval_ns=max_interval_ns, on_drop=on_drop)
 
 
-@pytest.mark.parametrize("variant", ["python", "default", "maxint"])
+@pytest.mark.parametrize("variant", ["default", "maxint"])
 def test_equals_genuine_message_filters(variant: str) -> None:
     assert len(oracle_cases()) == 51
     for name, case in oracle_cases().items():
-        expected = case["expected_python"] if variant == "python" else case["expected_cpp"][variant]
+        expected = case["expected_cpp"][variant]
         dropped: list[list[int]] = []
         policy = oracle_policy(variant, case, lambda item, _reason, dropped=dropped: dropped.append(item))  # type: ignore[misc]  # bound at once
         found = []
@@ -138,13 +130,11 @@ def test_spread_stays_within_the_bound(arrivals: list[Arrival], queue_size: int,
         for stamps in stamps_ms(run_policy(policy, arrivals)):
             if name == "nearest":
                 assert max(abs(stamp_ms - stamps[0]) for stamp_ms in stamps) <= slop_ms
-            elif name == "approximate_time":
-                assert max(stamps) - min(stamps) <= slop_ms
             else:
-                assert max(stamps) - min(stamps) < slop_ms
+                assert max(stamps) - min(stamps) <= slop_ms
 
 
-@pytest.mark.parametrize("name", ["approximate_time", "nearest"])
+@policies
 @given(arrivals=sorted_streams, slop_ms=st.integers(0, 150), seed=st.integers(0, 2**32))
 @example([*[(0, 0)] * 10, (1, 0), (1, 0), (2, 0), (0, MS), (2, MS)], 1, 0)
 def test_interleaving_of_topics_does_not_matter(
@@ -163,7 +153,7 @@ def test_interleaving_of_topics_does_not_matter(
     assert result(shuffled) == result(arrivals)
 
 
-@pytest.mark.parametrize("name", ["approximate_time", "nearest"])
+@policies
 @given(arrivals=any_stream, slop_ms=st.integers(0, 150))
 def test_sets_never_cross(name: PolicyName, arrivals: list[Arrival], slop_ms: int) -> None:
     if name == "approximate_time":  # takes messages of one topic as they arrive, as ROS does
@@ -210,41 +200,6 @@ def test_approximate_time_reasons(
     drops: Drops = []
     run_policy(make_policy("approximate_time", queue_size=queue_size, drops=drops), arrivals_ms(*arrivals))
     assert [(item[1] // MS, reason) for item, reason in drops][: len(expected)] == expected
-
-
-# --- approximate_time_python
-
-
-class Counted(list[int]):
-    """Stamps, and how many of them were looked at."""
-
-    looked_at = 0
-
-    def __iter__(self) -> Iterator[int]:
-        Counted.looked_at += len(self)
-        return super().__iter__()
-
-
-def test_first_combination_does_not_try_ten_million() -> None:
-    """Seven topics of ten stamps; any two of the last two topics are further apart than the slop of 100."""
-    middle = [[1000 + sign * step for step in range(5) for sign in (1, -1)] for _ in range(5)]
-    last = [950 - step for step in range(10)], [1051 + step for step in range(10)]
-    assert first_combination(1000, [Counted(stamps) for stamps in (*middle, *last)], 100) is None
-    assert Counted.looked_at <= 70 * 70
-
-
-def test_python_policy_reasons() -> None:
-    drops: Drops = []
-    policy = make_policy("approximate_time_python", queue_size=2, slop_ms=10, drops=drops)
-    assert run_policy(policy, arrivals_ms((0, 100), (0, 100), (0, 200), (0, 50), (0, 300), (1, 900))) == []
-    assert [(item[2], reason) for item, reason in drops] == [
-        (0, DropReason.REPLACED),
-        (3, DropReason.TOO_LATE),
-        (1, DropReason.QUEUE_FULL),
-        (2, DropReason.END),
-        (4, DropReason.END),
-        (5, DropReason.END),
-    ]
 
 
 # --- nearest

@@ -15,7 +15,7 @@ from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.pipeline.stages.sync.synchronize import synchronize as synchronize_
 
 MS = 1_000_000
-CONFIGS = [SyncConfig(policy=name) for name in ("approximate_time", "approximate_time_python", "nearest")]
+CONFIGS = [SyncConfig(policy=name) for name in ("approximate_time", "nearest")]
 policies = pytest.mark.parametrize("config", CONFIGS, ids=lambda config: config.policy)
 CHANNELS = [Channel(f"/t{topic}", "sensor_msgs/msg/Image", "cdr") for topic in range(4)]
 
