@@ -7,7 +7,7 @@ import sys
 from dataclasses import replace
 
 from lidcam.batch.engine import Task
-from lidcam.batch.records import JobRecord, with_report
+from lidcam.batch.records import JobRecord, with_outputs, with_report
 from lidcam.outputs.sending import sent_when_complete
 from lidcam.pipeline.core.text import one_line
 from lidcam.processing import RunObserver, process_recording
@@ -28,10 +28,10 @@ def run_task(task: Task) -> JobRecord:
             report = sending.send(
                 process_recording(replace(task.job, outputs=(*sending.local, *task.job.outputs)), _Frozen())
             )
+        return with_outputs(with_report(task.record, report), task.outputs)
     except Exception as err:
         line = error_line(err) or f"{type(err).__name__}: {one_line(err)}"
         return replace(task.record, state="failed", exit_code=1, message=line)
-    return with_report(task.record, report)
 
 
 def main() -> None:
