@@ -114,8 +114,10 @@ def _of(place: Location, text: str, out: Location) -> list[BatchJob]:
     if not place.is_dir() or _is_recording(place):
         name = place.name if place.name not in {"", ".."} else place.resolve().name
         return [_job((place,), name, _bytes(place))]
-    skipped = out.resolve() if isinstance(out, Path) else None
-    if place.resolve() == skipped:
+    skipped = None
+    if isinstance(out, Path) and out.resolve().is_relative_to(place.resolve()):
+        skipped = place / out.resolve().relative_to(place.resolve())
+    if skipped == place:
         raise RecordingError(f"{text}: {OTHER_FOLDER}")
     found = [*_recordings(place, skipped)]
     if not found:
@@ -158,7 +160,7 @@ def _recordings(folder: Path, out: Path | None) -> Iterator[Path]:
 def _is_searched(path: Path, out: Path | None) -> bool:
     """Whether what lies in a folder is a recording, or a folder that may hold some."""
     if path.is_dir():
-        return not path.is_symlink() and path.resolve() != out and not path.name.startswith(".")
+        return not path.is_symlink() and path != out and not path.name.startswith(".")
     return path.is_file() and path.name.lower().endswith(ENDINGS)
 
 
