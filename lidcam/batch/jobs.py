@@ -96,7 +96,10 @@ def _listed(given: Iterable[str]) -> Iterator[str]:
             lines = read_small_text(path, MAX_LIST_BYTES, "a list of recordings", RecordingError).splitlines()
             yield from (line.strip() for line in lines if line.strip() and not line.startswith("#"))
         elif "://" not in text and not Path(text).exists() and glob.has_magic(text):
-            found = sorted(glob.glob(text, recursive=True))  # noqa: PTH207  # absolute or relative, as it was given
+            try:
+                found = sorted(glob.glob(text, recursive=True))  # noqa: PTH207  # absolute or relative, as it was given
+            except RecursionError as err:
+                raise RecordingError(f"{text}: the folders are too deep for a pattern; give the folder") from err
             if not found:
                 raise RecordingError(f"{text}: expected recordings, found nothing of this pattern")
             yield from found
@@ -112,6 +115,8 @@ def _of(place: Location, text: str, out: Location) -> list[BatchJob]:
     if not place.exists():
         raise RecordingError(f"{text}: expected a recording or a folder of recordings, found nothing of this name")
     if not place.is_dir() or _is_recording(place):
+        if not place.is_dir() and not place.is_file():
+            raise RecordingError(f"{text}: expected a recording or a folder of recordings, found a device or a pipe")
         name = place.name if place.name not in {"", ".."} else place.resolve().name
         return [_job((place,), name, _bytes(place))]
     skipped = None

@@ -11,35 +11,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from written_jobs import Written
 
 from lidcam.batch.engine import Engine, Task
 from lidcam.batch.jobs import RECORDS, BatchJob, find_jobs
 from lidcam.batch.local import LocalEngine
-from lidcam.batch.records import EXIT_CODES, JobRecord, State, with_outputs
+from lidcam.batch.records import JobRecord
 from lidcam.batch.run import BatchOptions, run_batch
 from lidcam.batch.store import Store
 from lidcam.run.job import Job
-
-
-class Written(LocalEngine):
-    """Writes a result; fails where the recording says so."""
-
-    def __init__(self) -> None:
-        super().__init__(1)
-        self.ran: list[str] = []
-
-    def run(self, task: Task, *, keep_open: int | None) -> JobRecord:
-        (recording,), (output,) = task.job.inputs, task.outputs
-        assert isinstance(recording, Path)
-        assert isinstance(output, Path)
-        self.ran.append(recording.name)
-        os.fstat(keep_open or 0)
-        content = recording.read_bytes()
-        if content.startswith(b"bad"):
-            return replace(task.record, state="failed", exit_code=1, message="it is bad")
-        output.write_bytes(content)
-        state: State = "incomplete" if content.startswith(b"cut") else "done"
-        return with_outputs(replace(task.record, state=state, exit_code=EXIT_CODES[state]), task.outputs)
 
 
 @pytest.fixture
