@@ -66,8 +66,7 @@ def _print_usage_error(error: TyperException) -> None:
     """Print the usage of a command and what is wrong with its arguments, which are quoted and made visible."""
     message = error.format_message()
     if file := next((one for one in sys.argv[1:] if one[:1] == "-" and Path(one).is_file()), ""):
-        message += f" There is a file {file}: write ./{file}"
-        vars(error)["format_message"] = lambda: visible(message)
+        message = f"{message.rstrip('.')}. There is a file {file}: write ./{file}"
     if not message.startswith("Usage: "):  # the whole help, where a command without arguments prints that
         vars(error)["format_message"] = lambda: visible(message)
     text = io.StringIO()

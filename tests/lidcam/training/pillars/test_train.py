@@ -130,16 +130,23 @@ def save(checkpoint: Checkpoint, step: int) -> None:
         (b"torch", "sandbox", 9, "expected the state of a training"),
         (None, "road", 9, "a training of --family road --seed 0, found --family sandbox --seed 0"),
         (None, "sandbox", 6, "is already at step 7; pass --steps 7 or more"),
+        ({"step": -1}, "sandbox", 9, "expected the state of a training of .*, found 1 validation error"),
+        ({"history": ["x"]}, "sandbox", 9, "expected the state of a training of .*, found 1 validation error"),
+        ({"family": "moon"}, "sandbox", 9, "expected the state of a training of .*, found 1 validation error"),
+        ({"network": {}}, "sandbox", 9, "expected the state of such a training, found Error"),
+        ({"optimiser": {}}, "sandbox", 9, "expected the state of such a training, found 'param_groups'"),
     ],
 )
 def test_a_checkpoint_that_cannot_be_used(
-    tmp_path: Path, content: bytes | None, family: Worlds, steps: int, message: str
+    tmp_path: Path, content: bytes | dict[str, object] | None, family: Worlds, steps: int, message: str
 ) -> None:
     path = tmp_path / "mine.ckpt"
-    if content is None:
-        save(Checkpoint(path, "sandbox", 0), 7)
-    else:
+    if isinstance(content, bytes):
         path.write_bytes(content)
+    else:
+        save(Checkpoint(path, "sandbox", 0), 7)
+    if isinstance(content, dict):
+        torch.save(torch.load(path, weights_only=True) | content, path)
     with pytest.raises(LidcamError, match=message):
         fitted(Checkpoint(path, family, 0), steps, workers=1, step_done=kill_at(0))
 
