@@ -94,7 +94,7 @@ def _done(job: BatchJob, options: BatchOptions, store: Store, facts: Sequence[ob
             if known is not None and known.state == "begun":
                 logger.warning("%s: an earlier batch was killed while it ran: it is processed again", job.name)
             store.keep(begun)
-            record = _processed(job, names, options, store, engine, begun, lock)
+            record = engine.run(_task(job, names, options, store, begun), keep_open=lock)
             store.keep(record)
             return record
     except (OSError, OutputError, RecordingError) as err:  # of this one; others may be done
@@ -104,19 +104,11 @@ def _done(job: BatchJob, options: BatchOptions, store: Store, facts: Sequence[ob
         return replace(begun, state="failed", exit_code=1, message=visible(line))
 
 
-def _processed(
-    job: BatchJob,
-    names: Sequence[str],
-    options: BatchOptions,
-    store: Store,
-    engine: Engine,
-    begun: JobRecord,
-    lock: int,
-) -> JobRecord:
+def _task(job: BatchJob, names: Sequence[str], options: BatchOptions, store: Store, begun: JobRecord) -> Task:
     matches = None
     if MATCHES in options.endings:
         folder, slash, name = job.name.rpartition("/")
         matches = store.files.at(f"{folder}{slash}{name.replace('.', '_')}{MATCHES}")
     folders = (matches,) if isinstance(matches, Path) else ()
-    outputs = tuple(map(store.files.at, names))
-    return engine.run(Task(begun, replace(options.job, inputs=job.inputs, outputs=folders), outputs), keep_open=lock)
+    job_alone = replace(options.job, inputs=job.inputs, outputs=folders)
+    return Task(begun, job_alone, tuple(map(store.files.at, names)))

@@ -21,7 +21,7 @@ from lidcam.pipeline.core.small_files import read_small_file
 from lidcam.readers.location import Location
 from lidcam.writers.outputs.transaction import OutputTransaction
 
-MAX_RECORD_BYTES = 1 << 20
+MAX_RECORD_BYTES = 16 << 20
 
 logger = logging.getLogger(__name__)
 
@@ -160,5 +160,9 @@ def _open_lock(path: Path) -> IO[bytes]:
     """
     if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
         raise OSError(errno.EINVAL, "expected a file, found a link, a device or a pipe; remove it", str(path))
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
-    return os.fdopen(descriptor, "r+b", buffering=0)
+    flags = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | flags, 0o666)
+    except PermissionError:  # of another user who shares the folder
+        descriptor = os.open(path, os.O_RDONLY | flags)
+    return os.fdopen(descriptor, "rb")

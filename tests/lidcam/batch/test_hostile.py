@@ -279,7 +279,7 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
     "none": record(lambda known: replace(known, outputs=None)),
     "other outputs": record(lambda known: replace(known, outputs={"b.mcap": (known.outputs or {})["a.mcap"]})),
     "another name": record(lambda known: replace(known, name="../../b")),
-    "a huge record": lambda path: (path.parent / RECORDS / "a.json").write_bytes(b" " * (2 << 20)),
+    "a huge record": lambda path: os.truncate(path.parent / RECORDS / "a.json", 1 << 40),
 }
 
 

@@ -81,13 +81,6 @@ def test_what_was_at_work_when_a_batch_was_killed_is_done_again(
     assert "a: an earlier batch was killed while it ran" in caplog.text
 
 
-@pytest.mark.parametrize("content", [b"", b"{}", b"[1]", b"{"])
-def test_a_record_that_cannot_be_read_is_none(content: bytes, jobs: list[BatchJob], options: BatchOptions) -> None:
-    done(jobs, options)
-    (folder(options) / RECORDS / "a.json").write_bytes(content)
-    assert done(jobs, options)[1] == ["b.bag", "a.bag"]
-
-
 def test_a_job_at_which_another_batch_is_at_work_is_left_to_it(jobs: list[BatchJob], options: BatchOptions) -> None:
     (folder(options) / RECORDS).mkdir(parents=True)
     with (folder(options) / RECORDS / "a.lock").open("wb") as lock:
