@@ -156,17 +156,6 @@ def test_a_command_names_what_it_leaves_in_one_line(tmp_path: Path, home: Path) 
     assert seen(home) == before
 
 
-@pytest.mark.parametrize("kind", sorted({*KINDS} - PLAIN - {"of another user"}))
-def test_a_command_refuses_anything_but_a_file_in_one_line(tmp_path: Path, home: Path, kind: str) -> None:
-    for name in ("rig.yaml", "run.log"):
-        KINDS[kind](tmp_path / name, home)
-    before = seen(tmp_path)
-    for options in (("--write-rig", "rig.yaml"), ("--log-file", "run.log")):
-        run = called(tmp_path, "inspect", SAMPLE, *options)
-        assert (run.code, "expected" in run.error_line) == (1, True)
-        assert seen(tmp_path) == before
-
-
 BATCH_PLACES = (
     *(TABLE, f"{TABLE}.new", RECORDS, f"{RECORDS}/.lock", f"{RECORDS}/day"),
     *(f"{RECORDS}/day/a.{ending}" for ending in ("json", "json.new", "lock")),
@@ -227,6 +216,8 @@ def test_the_state_of_a_training_is_written_nowhere_else(tmp_path: Path, home: P
 
 REFUSED = sorted({*KINDS} - PLAIN - {"of another user"})
 COMMANDS = {
+    "rig.yaml": ("inspect", SAMPLE, "--write-rig", "rig.yaml"),
+    "run.log": ("inspect", SAMPLE, "--log-file", "run.log"),
     "mine.ckpt": ("train", "pillars", "--steps", "1", "--family", "sandbox", "--out", "mine.onnx", "--resume"),
     "mine.md": ("train", "pillars", "--steps", "1", "--family", "sandbox", "--out", "mine.onnx", "--overwrite"),
     "page.html": ("report", SAMPLE, "--out", "page.html", "--overwrite"),
