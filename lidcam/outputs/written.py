@@ -1,10 +1,11 @@
 """Files that a run has written, as they are recognised later."""
 
 import os
-import stat
 from dataclasses import dataclass, field
 from hashlib import file_digest
 from pathlib import Path
+
+from lidcam.pipeline.core.small_files import open_regular
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,17 +28,11 @@ def written_file(path: Path, known: WrittenFile | None = None) -> WrittenFile | 
     Raises:
         OSError: it cannot be read.
     """
-    try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-    except OSError:
-        if path.is_file() and not path.is_symlink():
-            raise
+    if path.is_symlink() or not path.is_file():
         return None
-    with os.fdopen(descriptor, "rb") as file:
-        status = os.fstat(descriptor)
+    with open_regular(path, os.O_NOFOLLOW) as file:
+        status = os.fstat(file.fileno())
         facts = f"{status.st_ino} {status.st_mtime_ns} {status.st_ctime_ns}"
-        if not stat.S_ISREG(status.st_mode):
-            return None
         if known is not None and (known.bytes, known.facts) == (status.st_size, facts):
             return known
         return WrittenFile(status.st_size, file_digest(file, "sha256").hexdigest(), facts)
