@@ -76,8 +76,11 @@ def find_jobs(given: Sequence[str], out: Location) -> list[BatchJob]:
             have the same name.
     """
     jobs: list[BatchJob] = []
-    for text in _listed(given):
-        jobs += _of(location(text), text, out)
+    try:
+        for text in _listed(given):
+            jobs += _of(location(text), text, out)
+    except OSError as err:
+        raise RecordingError(f"{err.filename}: cannot be searched for recordings: {err.strerror}") from err
     by_name: dict[str, BatchJob] = {}
     for job in jobs:
         other = by_name.setdefault(job.name, job)
@@ -153,10 +156,7 @@ def _recordings(folder: Path, out: Path | None) -> Iterator[Path]:
     while left:
         path = left.pop()
         if path == folder or (path.is_dir() and not _is_recording(path)):
-            try:
-                found = [one for one in path.iterdir() if _is_searched(one, out)]
-            except OSError as err:
-                raise RecordingError(f"{path}: cannot be searched for recordings: {err.strerror}") from err
+            found = [one for one in path.iterdir() if _is_searched(one, out)]
             left += sorted(found, key=lambda one: natural_key(one.name), reverse=True)
         else:
             yield path

@@ -74,6 +74,7 @@ def test_files_patterns_lists_and_urls(logs: Path, tmp_path: Path) -> None:
         (["*.none"], "found nothing of this pattern"),
         (["@nothing.txt"], "expected a list of recordings"),
         (["empty"], "expected recordings"),
+        (["a" * 300], "cannot be searched for recordings: File name too long"),
         (["one/a.bag", "two/a.bag"], "would both become a.mcap"),
     ],
 )
