@@ -4,11 +4,14 @@ import glob
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TypeVar
+from unicodedata import category
 
 from lidcam.outputs.bucket import Bucket, is_bucket
 from lidcam.pipeline.core.errors import LidcamError, RecordingError
+from lidcam.pipeline.core.small_files import read_small_text
+from lidcam.pipeline.core.text import visible
 from lidcam.readers.location import Location, RemotePath, location
 from lidcam.readers.natural_order import natural_key
 from lidcam.readers.open import open_recording
@@ -25,6 +28,20 @@ PART = re.compile(r"(.+)_(\d+)")
 MAX_PAUSE_NS = 5_000_000_000
 """Longest pause between the parts of a split recording."""
 
+MAX_OVERLAP_NS = 1_000_000_000
+"""Longest time that two parts of a split recording share."""
+
+MAX_LIST_BYTES = 16 << 20
+
+RECORDS = ".lidcam-batch"
+"""Folder of the records of a batch, in that of the results."""
+
+TABLE_STEM = "_jobs"
+"""Name of the table of a batch, without ending, in the folder of the results."""
+
+MAX_NAME_BYTES = 200
+"""Maximum length of a name: files take 255 bytes, and what is written beside a result has a longer name."""
+
 OTHER_FOLDER = "expected another folder for the results: the next batch would take them for recordings"
 NONE_FOUND = f"expected recordings ({', '.join(ENDINGS)}) in it, found none"
 
@@ -38,6 +55,12 @@ class BatchJob:
     inputs: tuple[Location, ...]  # The recording, or all parts of a split one in order
     name: str  # Name of its results, without ending, below the folder of the batch: `day1/drive`
     bytes: int  # Size of the files; 0 if unknown
+    fault: str = ""  # Reason why no result can have this name; empty: there is none
+
+    @property
+    def shown_inputs(self) -> str:
+        """The recording as valid UTF-8, without credentials."""
+        return ", ".join(map(str, self.inputs)).encode(errors="backslashreplace").decode()
 
 
 def find_jobs(given: Sequence[str], out: Location) -> list[BatchJob]:
@@ -53,8 +76,11 @@ def find_jobs(given: Sequence[str], out: Location) -> list[BatchJob]:
             have the same name.
     """
     jobs: list[BatchJob] = []
-    for text in _listed(given):
-        jobs += _of(location(text), text, out)
+    try:
+        for text in _listed(given):
+            jobs += _of(location(text), text, out)
+    except OSError as err:
+        raise RecordingError(f"{err.filename}: cannot be searched for recordings: {err.strerror}") from err
     by_name: dict[str, BatchJob] = {}
     for job in jobs:
         other = by_name.setdefault(job.name, job)
@@ -69,13 +95,14 @@ def find_jobs(given: Sequence[str], out: Location) -> list[BatchJob]:
 def _listed(given: Iterable[str]) -> Iterator[str]:
     for text in given:
         if text.startswith("@"):
-            try:
-                lines = Path(text[1:]).read_text(encoding="utf-8").splitlines()
-            except (OSError, ValueError) as err:
-                raise RecordingError(f"{text[1:]}: expected a list of recordings, one per line: {err}") from err
+            path = Path(text[1:])
+            lines = read_small_text(path, MAX_LIST_BYTES, "a list of recordings", RecordingError).splitlines()
             yield from (line.strip() for line in lines if line.strip() and not line.startswith("#"))
         elif "://" not in text and not Path(text).exists() and glob.has_magic(text):
-            found = sorted(glob.glob(text, recursive=True))  # noqa: PTH207  # absolute or relative, as it was given
+            try:
+                found = sorted(glob.glob(text, recursive=True))  # noqa: PTH207  # absolute or relative, as it was given
+            except RecursionError as err:
+                raise RecordingError(f"{text}: the folders are too deep for a pattern; give the folder") from err
             if not found:
                 raise RecordingError(f"{text}: expected recordings, found nothing of this pattern")
             yield from found
@@ -86,14 +113,19 @@ def _listed(given: Iterable[str]) -> Iterator[str]:
 def _of(place: Location, text: str, out: Location) -> list[BatchJob]:
     if isinstance(place, RemotePath):
         if not is_bucket(place) or place.name.lower().endswith(ENDINGS):
-            return [BatchJob((place,), _stem(place.name), 0)]
+            return [_job((place,), place.name, 0)]
         return _of_bucket(place, out)
     if not place.exists():
         raise RecordingError(f"{text}: expected a recording or a folder of recordings, found nothing of this name")
     if not place.is_dir() or _is_recording(place):
-        return [BatchJob((place,), _stem(place.name), _bytes(place))]
-    skipped = out.resolve() if isinstance(out, Path) else None
-    if place.resolve() == skipped:
+        if not place.is_dir() and not place.is_file():
+            raise RecordingError(f"{text}: expected a recording or a folder of recordings, found a device or a pipe")
+        name = place.name if place.name not in {"", ".."} else place.resolve().name
+        return [_job((place,), name, _bytes(place))]
+    skipped = None
+    if isinstance(out, Path) and out.resolve().is_relative_to(place.resolve()):
+        skipped = place / out.resolve().relative_to(place.resolve())
+    if skipped == place:
         raise RecordingError(f"{text}: {OTHER_FOLDER}")
     found = [*_recordings(place, skipped)]
     if not found:
@@ -109,7 +141,7 @@ def _of_bucket(place: RemotePath, out: Location) -> list[BatchJob]:
     sizes = {
         one: size
         for one, size in Bucket(place).found()
-        if one.name.lower().endswith(ENDINGS) and not (skipped and one.url.startswith(skipped))
+        if one.url.lower().endswith(ENDINGS) and not (skipped and one.url.startswith(skipped))
     }
     if not sizes:
         raise RecordingError(f"{place}: {NONE_FOUND}")
@@ -120,14 +152,21 @@ def _of_bucket(place: RemotePath, out: Location) -> list[BatchJob]:
 
 def _recordings(folder: Path, out: Path | None) -> Iterator[Path]:
     """The recordings in a folder and below it, in natural order; links to folders are not followed."""
-    for path in sorted(folder.iterdir(), key=lambda one: natural_key(one.name)):
-        if path.is_dir() and not path.is_symlink() and path.resolve() != out and not path.name.startswith("."):
-            if _is_recording(path):
-                yield path
-            else:
-                yield from _recordings(path, out)
-        elif path.is_file() and path.name.lower().endswith(ENDINGS):
+    left = [folder]
+    while left:
+        path = left.pop()
+        if path == folder or (path.is_dir() and not _is_recording(path)):
+            found = [one for one in path.iterdir() if _is_searched(one, out)]
+            left += sorted(found, key=lambda one: natural_key(one.name), reverse=True)
+        else:
             yield path
+
+
+def _is_searched(path: Path, out: Path | None) -> bool:
+    """Whether what lies in a folder is a recording, or a folder that may hold some."""
+    if path.is_dir():
+        return not path.is_symlink() and path != out and not path.name.startswith(".")
+    return path.is_file() and path.name.lower().endswith(ENDINGS)
 
 
 def _is_recording(folder: Path) -> bool:
@@ -157,7 +196,8 @@ def _goes_on(before: Location, path: Location) -> bool:
         return False
     try:
         with open_recording([before]) as first, open_recording([path]) as second:
-            return -MAX_PAUSE_NS < second.start_ns - first.end_ns < MAX_PAUSE_NS
+            is_later = first.start_ns < second.start_ns and first.end_ns < second.end_ns  # no copy of it
+            return is_later and -MAX_OVERLAP_NS < second.start_ns - first.end_ns < MAX_PAUSE_NS
     except LidcamError:
         return False  # each gets a job of its own, which reports the error
 
@@ -170,11 +210,32 @@ def _split_name(place: Location) -> tuple[str, str, str]:
 
 
 def _job(parts: Sequence[Location], name: str, size: int) -> BatchJob:
-    path = PurePosixPath(name)
-    stem = _stem(path.name)
+    """The job of a recording, of which `name` is the name with its ending, below the folder that was given."""
+    folder, slash, last = name.rpartition("/")
+    stem = _stem(last)
     if len(parts) > 1 and (match := PART.fullmatch(stem)):
         stem = match[1]
-    return BatchJob(tuple(parts), str(path.parent / stem), size)
+    if fault := name_fault(f"{folder}{slash}{stem}"):
+        return BatchJob(tuple(parts), visible(name), size, fault)
+    return BatchJob(tuple(parts), f"{folder}{slash}{stem}", size)
+
+
+def name_fault(name: str) -> str:
+    """The reason why no result can have a name, as that of a recording in a bucket may be anything; empty: none."""
+    parts = name.split("/")
+    if not {"", ".", ".."}.isdisjoint(parts):
+        found = "an empty one, '.' or '..'"
+    elif any(letter == "\\" or category(letter) in {"Cc", "Cs"} for letter in name):
+        found = "a backslash, a control character or bytes that are no UTF-8"
+    elif re.match(r"[A-Za-z]:", name):
+        found = "a drive"
+    elif parts[0] == RECORDS or name == TABLE_STEM:
+        found = f"what the batch itself writes ({RECORDS}, {TABLE_STEM})"
+    elif max(len(part.encode()) for part in parts) > MAX_NAME_BYTES:
+        found = f"one of more than {MAX_NAME_BYTES} bytes"
+    else:
+        return ""
+    return f"its results cannot have its name: expected plain names between slashes, found {found}; rename it"
 
 
 def _stem(name: str) -> str:
@@ -185,4 +246,9 @@ def _stem(name: str) -> str:
 
 
 def _bytes(path: Path) -> int:
-    return sum(one.stat().st_size for one in path.rglob("*") if one.is_file()) if path.is_dir() else path.stat().st_size
+    return sum(one.stat().st_size for one in files_of(path))
+
+
+def files_of(path: Path) -> list[Path]:
+    """The files of a local recording: itself, or those in the folder of a ROS 2 bag, in order of name."""
+    return sorted(one for one in path.iterdir() if one.is_file()) if path.is_dir() else [path]

@@ -2,23 +2,30 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from importlib.metadata import version
-from typing import Literal
+from typing import Annotated, Literal
 
-from lidcam.batch.jobs import BatchJob
+from pydantic import Field, TypeAdapter, ValidationError
+
+from lidcam.batch.jobs import BatchJob, files_of
+from lidcam.outputs.bucket import Bucket
+from lidcam.outputs.written import WrittenFile, written_file
 from lidcam.readers.files.remote import open_remote
 from lidcam.readers.location import Location, RemotePath
 from lidcam.run.summary import RunSummary
-
-FOLDER = ".lidcam-batch"
-"""Folder of the records, in that of the results."""
+from lidcam.writers.outputs.marks import is_unchanged_text, marked_json
 
 END_BYTES = 1 << 16
 
 State = Literal["begun", "done", "incomplete", "failed", "busy"]
+Count = Annotated[int, Field(ge=0, lt=1 << 63)]
+Number = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+EXIT_CODES = {"done": 0, "incomplete": 3}
+"""Exit codes of jobs that have results."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,39 +37,60 @@ class JobRecord:
     key: str  # Digest of recording, settings, rig, network and version; equal keys have equal results
     state: State  # `begun`: an earlier batch was killed while it ran; `busy`: another batch is running it
     # As `lidcam process` would exit; negative: ended by that signal; None while it has none
-    exit_code: int | None = None
+    exit_code: Annotated[int, Field(ge=-64, le=255)] | None = None
     message: str = ""  # The line of error, or of what was incomplete
-    # Sizes in bytes by the name of the file, relative to the folder of the batch
-    outputs: Mapping[str, int] | None = None
-    frames: int = 0  # Number of frames
-    objects: Mapping[str, int] | None = None  # Fused objects of all frames, by class
-    dropped: int = 0  # Messages that were not used
-    skew_max_ms: float | None = None  # Largest spread of the stamps in a frame; None without frames
-    lacking: Mapping[str, int] | None = None  # Frames without a sensor that was recorded, by sensor
-    processor_s: float = 0.0  # Processor time of the job with all its processes, seconds
-    wall_s: float = 0.0  # Duration, seconds
-    peak_mib: float = 0.0  # Largest memory of one of its processes
+    # Its results by the name of the file, relative to the folder of the batch
+    outputs: Mapping[str, WrittenFile] | None = None
+    frames: Count = 0  # Number of frames
+    objects: Mapping[str, Count] | None = None  # Fused objects of all frames, by class
+    dropped: Count = 0  # Messages that were not used
+    skew_max_ms: Number | None = None  # Largest spread of the stamps in a frame; None without frames
+    lacking: Mapping[str, Count] | None = None  # Frames without a sensor that was recorded, by sensor
+    processor_s: Number = 0.0  # Processor time of the job with all its processes, seconds
+    wall_s: Number = 0.0  # Duration, seconds
+    peak_mib: Number = 0.0  # Largest memory of one of its processes
     sha256: Sequence[str] = ()  # Checksums of the inputs that were read in full, in order
     settings: str = ""  # Name of the settings
     settings_sha256: str = ""  # Checksum of the settings that affect the result
     version: str = ""  # Version of lidcam
 
-    def is_current(self, key: str, size_of: Callable[[str], int | None]) -> bool:
-        """Whether the results exist, with these sizes, and are up to date."""
-        if self.key != key or self.state not in {"done", "incomplete"}:
-            return False
-        return all(size_of(name) == size for name, size in (self.outputs or {}).items())
+    def is_current(self, key: str) -> bool:
+        """Whether there were results, which are up to date if nobody has changed them."""
+        return self.key == key and self.exit_code is not None and EXIT_CODES.get(self.state) == self.exit_code
+
+
+RECORD = TypeAdapter(JobRecord)
+
+
+def with_outputs(record: JobRecord, places: Sequence[Location]) -> JobRecord:
+    """The record of a job with the results that it has written, which are in one folder.
+
+    Raises:
+        OSError: one cannot be read.
+        OutputError: a server does not tell.
+    """
+    folder, slash, _ = record.name.rpartition("/")
+    outputs = {}
+    for place in places:
+        if isinstance(place, RemotePath):
+            written = Bucket(RemotePath(place.url.rpartition("/")[0])).written(place.name)
+        else:
+            written = written_file(place)
+        if written is not None:
+            outputs[f"{folder}{slash}{place.name}"] = written
+    return replace(record, outputs=outputs)
 
 
 def with_summary(record: JobRecord, summary: RunSummary) -> JobRecord:
     """The record of a job that has ended with this summary."""
+    state: State = "incomplete" if summary.incomplete else "done"
     objects: Counter[str] = Counter()
     for (class_name, _), count in summary.frames.objects.items():
         objects[class_name] += count
     return replace(
         record,
-        state="incomplete" if summary.incomplete else "done",
-        exit_code=3 if summary.incomplete else 0,
+        state=state,
+        exit_code=EXIT_CODES[state],
         message="; ".join(summary.incomplete),
         frames=summary.frames.count,
         objects=dict(sorted(objects.items())),
@@ -97,7 +125,7 @@ def _ends(place: Location) -> bytes:
         stream.close()
         return repr((str(place), found.facts)).encode()
     digest = sha256()
-    for file in sorted(one for one in place.rglob("*") if one.is_file()) if place.is_dir() else [place]:
+    for file in files_of(place):
         size = file.stat().st_size
         digest.update(f"{file.name} {size}\n".encode())
         with file.open("rb") as stream:
@@ -108,14 +136,13 @@ def _ends(place: Location) -> bytes:
 
 
 def record_text(record: JobRecord) -> bytes:
-    """A record as JSON."""
-    return (json.dumps(asdict(record), indent=1) + "\n").encode()
+    """A record as JSON with its checksum."""
+    return marked_json(json.dumps(asdict(record), indent=1) + "\n").encode()
 
 
 def record_of(text: bytes) -> JobRecord | None:
-    """The record in a text; None where there is none."""
+    """The record in a text; None where there is none, or one that was changed since it was written."""
     try:
-        tree = json.loads(text)
-        return JobRecord(**{field.name: tree[field.name] for field in fields(JobRecord)})
-    except (ValueError, KeyError, TypeError):
+        return RECORD.validate_json(text, strict=True) if is_unchanged_text(text.decode()) else None
+    except (ValidationError, UnicodeDecodeError):
         return None

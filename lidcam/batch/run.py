@@ -14,6 +14,7 @@ from lidcam.batch.jobs import BatchJob
 from lidcam.batch.records import JobRecord, job_key
 from lidcam.batch.store import Store
 from lidcam.pipeline.core.errors import OutputError, RecordingError
+from lidcam.pipeline.core.text import visible
 from lidcam.readers.location import Location
 from lidcam.run.effect import settings_sha256
 from lidcam.run.job import Job
@@ -75,41 +76,39 @@ def run_batch(
 
 def _done(job: BatchJob, options: BatchOptions, store: Store, facts: Sequence[object], engine: Engine) -> JobRecord:
     """The record of a job that has ended, or is up to date."""
-    begun = JobRecord(job.name, ", ".join(map(str, job.inputs)), "", "begun")
+    begun = JobRecord(job.name, job.shown_inputs, "", "begun")
+    if job.fault:
+        return replace(begun, state="failed", exit_code=1, message=job.fault)
+    names = [f"{job.name}{ending}" for ending in (".mcap", *options.endings) if ending != MATCHES]
     try:
         begun = replace(begun, key=job_key(job, facts))
-    except (OSError, RecordingError) as err:
-        line = f"{err.filename}: expected a readable file: {err.strerror}" if isinstance(err, OSError) else str(err)
-        return replace(begun, state="failed", exit_code=1, message=line)
-    try:
         with store.held(job.name) as lock:
             known = store.record(job.name)
-            if known is not None and known.is_current(begun.key, store.files.size) and not options.job.overwrite:
-                return known
+            if known is not None and known.is_current(begun.key) and not options.job.overwrite:
+                outputs = known.outputs or {}
+                if all(name in outputs and store.files.written(name, outputs[name]) == outputs[name] for name in names):
+                    return replace(known, input=begun.input)
+                logger.warning("%s: a result is missing or was changed: it is processed again", job.name)
             if lock is None:
                 return replace(begun, state="busy", message="another batch is processing it")
             if known is not None and known.state == "begun":
                 logger.warning("%s: an earlier batch was killed while it ran: it is processed again", job.name)
             store.keep(begun)
-            record = _processed(job, options, store, engine, begun, lock)
+            record = engine.run(_task(job, names, options, store, begun), keep_open=lock)
             store.keep(record)
             return record
-    except OutputError as err:  # the store refuses this one, and may take others
-        return replace(begun, state="failed", exit_code=1, message=str(err))
+    except (OSError, OutputError, RecordingError) as err:  # of this one; others may be done
+        line = str(err)
+        if isinstance(err, OSError):
+            line = f"{err.filename or job.name}: cannot be read or written: {err.strerror}"
+        return replace(begun, state="failed", exit_code=1, message=visible(line))
 
 
-def _processed(
-    job: BatchJob, options: BatchOptions, store: Store, engine: Engine, begun: JobRecord, lock: int
-) -> JobRecord:
-    names = [f"{job.name}{ending}" for ending in (".mcap", *options.endings) if ending != MATCHES]
+def _task(job: BatchJob, names: Sequence[str], options: BatchOptions, store: Store, begun: JobRecord) -> Task:
     matches = None
     if MATCHES in options.endings:
         folder, slash, name = job.name.rpartition("/")
         matches = store.files.at(f"{folder}{slash}{name.replace('.', '_')}{MATCHES}")
     folders = (matches,) if isinstance(matches, Path) else ()
-    outputs = tuple(map(store.files.at, names))
-    record = engine.run(Task(begun, replace(options.job, inputs=job.inputs, outputs=folders), outputs), keep_open=lock)
-    if record.state == "failed":
-        return record
-    sizes = {name: store.files.size(name) for name in names}
-    return replace(record, outputs={name: size for name, size in sizes.items() if size is not None})
+    job_alone = replace(options.job, inputs=job.inputs, outputs=folders)
+    return Task(begun, job_alone, tuple(map(store.files.at, names)))

@@ -1,16 +1,29 @@
 """The folder of a batch, local or in an object store: its results, and the records of its jobs."""
 
+import errno
 import fcntl
+import logging
+import os
+import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Protocol
+from typing import IO, Protocol
 
-from lidcam.batch.records import FOLDER, JobRecord, record_of, record_text
+from lidcam.batch.jobs import RECORDS
+from lidcam.batch.records import JobRecord, record_of, record_text
+from lidcam.batch.table import TABLE
 from lidcam.outputs.bucket import Bucket, check_output
+from lidcam.outputs.written import WrittenFile, written_file
 from lidcam.pipeline.core.errors import OutputError
+from lidcam.pipeline.core.small_files import read_small_file
 from lidcam.readers.location import Location
+from lidcam.writers.outputs.transaction import OutputTransaction
+
+MAX_RECORD_BYTES = 16 << 20
+
+logger = logging.getLogger(__name__)
 
 
 class Files(Protocol):
@@ -19,8 +32,8 @@ class Files(Protocol):
     def at(self, name: str) -> Location:
         """The location of a file."""
 
-    def size(self, name: str) -> int | None:
-        """The size of a file in bytes; None where there is none."""
+    def written(self, name: str, known: WrittenFile | None = None) -> WrittenFile | None:
+        """A file with its checksum; None where there is none. It is not read again if it is unchanged since `known`."""
 
     def read(self, name: str) -> bytes | None:
         """The content of a file; None where there is none."""
@@ -30,34 +43,44 @@ class Files(Protocol):
 
 
 class LocalFiles:
-    """Files below a local folder, which is made if it is missing: `Files` without fsspec, which is an extra."""
+    """Files below a local folder, which is made if it is missing: `Files` without fsspec, which is an extra.
+
+    The folder may be a link, as its user named it; below it nothing is followed or opened but folders and plain files.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         folder.mkdir(parents=True, exist_ok=True)
 
     def at(self, name: str) -> Path:
-        """See `Files`; the folder of the file is made."""
-        path = self._folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path
+        """See `Files`; the folder of the file is made.
 
-    def size(self, name: str) -> int | None:
+        Raises:
+            OutputError: something other than a folder stands in its place.
+        """
+        *folders, last = name.split("/")
+        path = self._folder
+        for folder in folders:
+            path /= folder
+            with suppress(FileExistsError):
+                path.mkdir()
+            if not stat.S_ISDIR(path.lstat().st_mode):
+                raise OutputError(f"{path}: expected a folder, found a link or a file: choose another folder")
+        return path / last
+
+    def written(self, name: str, known: WrittenFile | None = None) -> WrittenFile | None:
         """See `Files`."""
-        path = self._folder / name
-        return path.stat().st_size if path.is_file() else None
+        return written_file(self.at(name), known)
 
     def read(self, name: str) -> bytes | None:
         """See `Files`."""
-        path = self._folder / name
-        return path.read_bytes() if path.is_file() else None
+        path = self.at(name)
+        return read_small_file(path, MAX_RECORD_BYTES) if path.is_file() and not path.is_symlink() else None
 
     def put(self, name: str, content: bytes) -> None:
         """See `Files`."""
-        path = self.at(name)
-        beside = path.with_name(f"{path.name}.new")
-        beside.write_bytes(content)
-        beside.replace(path)
+        with OutputTransaction([path := self.at(name)]) as outputs:
+            outputs[path].write_bytes(content)
 
 
 class Store:
@@ -78,6 +101,8 @@ class Store:
         if isinstance(out, Path):
             try:
                 self.files = LocalFiles(out)
+                with self.held("", is_awaited=True), OutputTransaction([out / TABLE]):
+                    pass  # it could be written
             except OSError as err:
                 raise OutputError(f"{out}: expected a folder that can be written to: {err}") from err
         else:
@@ -86,25 +111,58 @@ class Store:
             bucket.check()
 
     def record(self, job: str) -> JobRecord | None:
-        """The record of a job; None where there is none that can be read."""
-        content = self.files.read(f"{FOLDER}/{job}.json")
-        return None if content is None else record_of(content)
+        """The record of a job; None where there is none that can be read, of which a warning tells."""
+        try:
+            content = self.files.read(f"{RECORDS}/{job}.json")
+        except OSError:  # too large
+            content = b""
+        record = None if content is None else record_of(content)
+        if record is not None and record.name == job:
+            return record
+        if content is not None:
+            logger.warning("%s: its record in %s is damaged or of another version: it is processed again", job, RECORDS)
+        return None
 
     def keep(self, record: JobRecord) -> None:
         """Write the record of a job."""
-        self.files.put(f"{FOLDER}/{record.name}.json", record_text(record))
+        self.files.put(f"{RECORDS}/{record.name}.json", record_text(record))
+
+    def keep_table(self, content: bytes) -> None:
+        """Write the table of the batch; another batch that writes it is waited for."""
+        with self.held("", is_awaited=True):
+            self.files.put(TABLE, content)
 
     @contextmanager
-    def held(self, job: str) -> Iterator[int | None]:
+    def held(self, job: str, *, is_awaited: bool = False) -> Iterator[int | None]:
         """A descriptor that keeps other batches from a job while it is open anywhere; None where another has it.
 
         A bucket has no locks: what two batches do there at once is done twice, with the same result.
+
+        Args:
+            job: Name of the job; empty: the table of the batch.
+            is_awaited: Whether to wait for another that has it.
         """
-        lock = self.files.at(f"{FOLDER}/{job}.lock")
-        with lock.open("ab") if isinstance(lock, Path) else TemporaryFile() as file:
+        lock = self.files.at(f"{RECORDS}/{job}.lock")
+        with _open_lock(lock) if isinstance(lock, Path) else TemporaryFile() as file:
             try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                fcntl.flock(file, fcntl.LOCK_EX | (0 if is_awaited else fcntl.LOCK_NB))
             except BlockingIOError:
                 yield None
             else:
                 yield file.fileno()
+
+
+def _open_lock(path: Path) -> IO[bytes]:
+    """A lock, made if it is missing.
+
+    Raises:
+        OSError: it cannot be opened, or is no plain file.
+    """
+    if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
+        raise OSError(errno.EINVAL, "expected a file, found a link, a device or a pipe; remove it", str(path))
+    flags = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | flags, 0o666)
+    except PermissionError:  # of another user who shares the folder
+        descriptor = os.open(path, os.O_RDONLY | flags)
+    return os.fdopen(descriptor, "rb")

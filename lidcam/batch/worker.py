@@ -7,7 +7,7 @@ import sys
 from dataclasses import replace
 
 from lidcam.batch.engine import Task
-from lidcam.batch.records import JobRecord, with_summary
+from lidcam.batch.records import JobRecord, with_outputs, with_summary
 from lidcam.outputs.sending import sent_when_complete
 from lidcam.pipeline.core.text import one_line
 from lidcam.processing import RunObserver, process_recording
@@ -28,10 +28,10 @@ def run_task(task: Task) -> JobRecord:
             summary = sending.send(
                 process_recording(replace(task.job, outputs=(*sending.local, *task.job.outputs)), _Frozen())
             )
+        return with_outputs(with_summary(task.record, summary), task.outputs)
     except Exception as err:
         line = error_line(err) or f"{type(err).__name__}: {one_line(err)}"
         return replace(task.record, state="failed", exit_code=1, message=line)
-    return with_summary(task.record, summary)
 
 
 def main() -> None:

@@ -126,11 +126,11 @@ def batch(
             _engine(engine, jobs if address else at_once, cores, address),
             told,
         )
-    store.files.put(TABLE, records_table(records))
     if as_json:
         show_json(console(), {"jobs": [asdict(record) for record in records]})
     else:
         print_batch(console(), records)
+    store.keep_table(records_table(records))
     remark_log.info("wrote %s/%s", str(place).rstrip("/"), TABLE)
     _verdict(records, len(found)).end()
 

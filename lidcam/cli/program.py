@@ -12,6 +12,7 @@ import logging
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import NoReturn
 
 from typer.exceptions import TyperException
@@ -64,6 +65,8 @@ def _fail(*lines: str) -> NoReturn:
 def _print_usage_error(error: TyperException) -> None:
     """Print the usage of a command and what is wrong with its arguments, which are quoted and made visible."""
     message = error.format_message()
+    if file := next((one for one in sys.argv[1:] if one[:1] == "-" and Path(one).is_file()), ""):
+        message = f"{message.rstrip('.')}. There is a file {file}: write ./{file}"
     if not message.startswith("Usage: "):  # the whole help, where a command without arguments prints that
         vars(error)["format_message"] = lambda: visible(message)
     text = io.StringIO()

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
+from lidcam.outputs.written import WrittenFile
 from lidcam.pipeline.core.errors import LidcamError, OutputError, RecordingError, is_short_memory
 from lidcam.readers.files.remote import REMEDY, file_system, meaning_of
 from lidcam.readers.location import RemotePath
@@ -83,13 +84,14 @@ class Bucket:
         """
         return self._unless_missing(name, lambda url: bytes(self._system.cat_file(url)))
 
-    def size(self, name: str) -> int | None:
-        """Its size in bytes; None where there is none.
+    def written(self, name: str, known: WrittenFile | None = None) -> WrittenFile | None:  # noqa: ARG002  # not read
+        """Its size and ETag; None where there is none.
 
         Raises:
             OutputError: the server does not tell.
         """
-        return self._unless_missing(name, lambda url: int(self._system.info(url)["size"]))
+        found: dict[str, Any] | None = self._unless_missing(name, self._system.info)
+        return None if found is None else WrittenFile(int(found["size"]), str(found["ETag"]))
 
     def check_replaceable(self, name: str) -> None:
         """Check that an object may be written: there is none, or lidcam put it there.

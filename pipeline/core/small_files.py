@@ -1,22 +1,40 @@
 """Files that are read as a whole: settings, rigs, labels, names, requirements."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from errno import EFBIG, EINVAL
+from io import BufferedReader
 from pathlib import Path
 from stat import S_ISREG
 
 from lidcam.pipeline.core.errors import LidcamError
 
 
+@contextmanager
+def open_regular(path: Path, flags: int = 0) -> Iterator[BufferedReader]:
+    """Open a regular file to read. Neither waits for a FIFO nor reads from a device that has no end.
+
+    Args:
+        path: The file.
+        flags: More flags of open(2), for instance O_NOFOLLOW.
+
+    Raises:
+        OSError: it cannot be opened, or is no regular file.
+    """
+    with open(path, "rb", opener=lambda name, given: os.open(name, given | os.O_NONBLOCK | flags)) as stream:
+        if not S_ISREG(os.fstat(stream.fileno()).st_mode):
+            raise OSError(EINVAL, "expected a regular file, found a FIFO or a device", str(path))
+        yield stream
+
+
 def read_small_file(path: Path, max_bytes: int) -> bytes:
-    """The content of a regular file. Neither waits for a FIFO nor reads from a device that has no end.
+    """The content of a regular file.
 
     Raises:
         OSError: it cannot be opened, is no regular file, or is larger than `max_bytes`.
     """
-    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as stream:
-        if not S_ISREG(os.fstat(stream.fileno()).st_mode):
-            raise OSError(EINVAL, "expected a regular file, found a FIFO or a device", str(path))
+    with open_regular(path) as stream:
         data = stream.read(max_bytes + 1)
     if len(data) > max_bytes:
         raise OSError(EFBIG, f"expected at most {max_bytes / 2**20:g} MiB, found a larger file", str(path))

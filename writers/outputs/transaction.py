@@ -32,8 +32,16 @@ class OutputFile:
         Raises:
             OutputError: it cannot be written.
         """
-        with output_errors(self.path), self.part.open("x", encoding="utf-8") as file:
-            file.write(text)
+        self.write_bytes(text.encode())
+
+    def write_bytes(self, content: bytes) -> None:
+        """Write bytes as the whole output.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        with output_errors(self.path), self.part.open("xb") as file:
+            file.write(content)
 
 
 class OutputTransaction:

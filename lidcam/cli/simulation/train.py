@@ -100,7 +100,6 @@ def clusters(
     from lidcam.cli.printing.progress import show_training
     from lidcam.pipeline.parallel.cores import usable_cores
     from lidcam.training.clusters import train_clusters
-    from lidcam.writers.outputs.errors import output_errors
     from lidcam.writers.outputs.transaction import OutputTransaction
 
     card, processes = out.with_suffix(".md"), workers or usable_cores()
@@ -112,8 +111,7 @@ def clusters(
                 trained = train_clusters(
                     chosen, worlds, seed, workers=processes, progress=progress, recordings=labelled
                 )
-        with output_errors(out), outputs[out].part.open("xb") as file:
-            file.write(trained.network.to_bytes())
+        outputs[out].write_bytes(trained.network.to_bytes())
         outputs[card].write_text(trained.card)
     typer.echo(trained.card)
 
@@ -184,6 +182,8 @@ def pillars(
     card, state, processes = out.with_suffix(".md"), out.with_suffix(".ckpt"), workers or usable_cores()
     may_replace = overwrite or (resume and state.exists())
     with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=may_replace)) as outputs:
+        with OutputTransaction([state]):
+            pass  # it could be written
         if state.exists() and not (resume or overwrite):
             raise OutputError(f"{state}: exists; go on with --resume, or begin anew with --overwrite")
         with TemporaryDirectory() as folder:
@@ -250,7 +250,7 @@ def convert(
     check_no_input([out], [network, *([config] if config else [])])
     with OutputTransaction([out], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
         made = converted(network, config, Data(ground_z, intensity_max))
-        outputs[out].part.write_bytes(made.content)
+        outputs[out].write_bytes(made.content)
     specs, names = made.specs, ", ".join(one.name for one in made.specs.classes)
     low, high = specs.grid.low_m, specs.grid.high_m
     typer.echo(f"{out}: finds {names}")

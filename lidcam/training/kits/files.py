@@ -13,6 +13,10 @@ from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
 from lidcam.pipeline.core.small_files import read_small_text
 from lidcam.pipeline.core.text import one_line
+from lidcam.training.torch_file import torch_file
+
+MAX_NUMBERS = 1 << 27
+"""Numbers of all layers: 1 GiB in memory. Small files may claim more, by repeating some."""
 
 BASE = "_BASE_CONFIG_"
 
@@ -44,12 +48,11 @@ def read_checkpoint(path: Path) -> Checkpoint:
     try:
         content: Any = _loaded(path)
         named = next((content[key] for key in ("model_state", "state_dict") if key in content), content)
-        weights = {
-            name.removeprefix("module."): np.asarray(one.detach().double().numpy()) for name, one in named.items()
-        }
+        weights = _weights(named)
         meta = content.get("meta", {})
-        config = str(meta.get("cfg") or meta.get("config") or "")
-        version = str(meta.get("mmdet3d_version", "1"))
+        texts = [meta.get(key) for key in ("cfg", "config", "mmdet3d_version")]
+        config = next((one for one in texts[:2] if isinstance(one, str)), "")
+        version = texts[2] if isinstance(texts[2], str) else "1"
     except Exception as err:  # errors of pickled files share no base class
         cause = err.__context__ or err  # PyTorch's own error advises to read the file unsafely
         reason = one_line(f"{type(cause).__name__}: {cause}", max_characters=300)
@@ -62,14 +65,22 @@ def read_checkpoint(path: Path) -> Checkpoint:
     return Checkpoint(weights, config)
 
 
+def _weights(named: Any) -> dict[str, F64]:
+    if (count := sum(one.numel() for one in named.values())) > MAX_NUMBERS:
+        raise ValueError(f"layers of {count} numbers")
+    return {name.removeprefix("module."): np.asarray(one.detach().double().numpy()) for name, one in named.items()}
+
+
 def _loaded(path: Path) -> Any:
     """Load it with stand-ins for all classes that PyTorch does not know to be safe, such as the log of mmengine."""
-    try:
-        strange = torch.serialization.get_unsafe_globals_in_checkpoint(path)
-    except Exception:  # the older format, which OpenPCDet uses, does not say
-        strange = []
-    with torch.serialization.safe_globals([(_StandIn, name) for name in strange]):
-        return torch.load(path, map_location="cpu", weights_only=True)
+    with torch_file(path) as file:
+        try:
+            strange = torch.serialization.get_unsafe_globals_in_checkpoint(file)
+        except Exception:  # the older format, which OpenPCDet uses, does not say
+            strange = []
+        file.seek(0)
+        with torch.serialization.safe_globals([(_StandIn, name) for name in strange]):
+            return torch.load(file, map_location="cpu", weights_only=True)
 
 
 def read_config(path: Path, text: str = "") -> dict[str, Any]:

@@ -1,15 +1,16 @@
 """A network fitted to scenes that are made during the training, from a checkpoint if there is one."""
 
-import os
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Annotated, Any, NamedTuple, cast
 
 import numpy as np
 import torch
+from pydantic import Field, TypeAdapter
 from torch import Tensor, nn
 
 from lidcam.pipeline.core.errors import LidcamError
@@ -19,7 +20,9 @@ from lidcam.training.labelled import Recordings
 from lidcam.training.pillars.network import PillarNetwork
 from lidcam.training.pillars.onnx_file import take_weights
 from lidcam.training.pillars.scenes import CLASSES, GRIDS, SCENES_OF_A_ROUND, Scene, Source, Worlds, rounds
+from lidcam.training.torch_file import torch_file
 from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.transaction import OutputTransaction
 
 BATCH = 4
 DECAY = 1e-2
@@ -38,6 +41,23 @@ CHECKPOINT_EVERY_S = 60.0
 
 StepDone = Callable[[int, float], object]
 """Called after each step with the number of steps done, and the recent mean loss."""
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """The saved state of a training."""
+
+    network: dict[str, Any]
+    optimiser: dict[str, Any]
+    step: Annotated[int, Field(ge=0)]  # Number of steps done
+    loss: float  # Recent mean loss
+    history: list[tuple[int, str]]  # Steps, and the `text` of the training since each of them
+    family: Worlds
+    seed: int
+    begin: str  # As in `Checkpoint`
+
+
+STATE = TypeAdapter(State)
 
 
 class Checkpoint(NamedTuple):
@@ -77,15 +97,14 @@ class Checkpoint(NamedTuple):
         """
         state = {"network": network.state_dict(), "optimiser": optimiser.state_dict(), "step": step, "loss": loss}
         state["history"] = [*history]
-        part = self.path.with_name(f".{self.path.name}.part")
-        with output_errors(self.path):
-            with part.open("wb") as file:
-                torch.save(state | {"family": self.worlds, "seed": self.seed, "begin": self.begin}, file)
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(self.path)
+        with (
+            OutputTransaction([self.path]) as outputs,
+            output_errors(self.path),
+            outputs[self.path].part.open("xb") as file,
+        ):
+            torch.save(state | {"family": self.worlds, "seed": self.seed, "begin": self.begin}, file)
 
-    def load(self) -> dict[str, Any]:
+    def load(self) -> State:
         """Read the saved state.
 
         Raises:
@@ -93,14 +112,14 @@ class Checkpoint(NamedTuple):
         """
         expected = f"{self.path}: expected the state of a training of --family {self.worlds} --seed {self.seed}"
         try:
-            state: dict[str, Any] = torch.load(self.path, map_location="cpu", weights_only=True)
-            known: Worlds = state["family"]
-            found = f"--family {known} --seed {state['seed']}"
+            with torch_file(self.path) as file:
+                state = STATE.validate_python(torch.load(file, map_location="cpu", weights_only=True))
         except Exception as err:  # errors of pickled files share no base class
             raise LidcamError(f"{expected}, found {one_line(err, max_characters=200)}") from err
-        is_same = (GRIDS.get(known), CLASSES.get(known)) == (GRIDS[self.worlds], CLASSES[self.worlds])
-        if not is_same or state["seed"] != self.seed:
-            raise LidcamError(f"{expected}, found {found}")
+        known = state.family
+        is_same = (GRIDS[known], CLASSES[known]) == (GRIDS[self.worlds], CLASSES[self.worlds])
+        if not is_same or state.seed != self.seed:
+            raise LidcamError(f"{expected}, found --family {known} --seed {state.seed}")
         return state
 
 
@@ -131,10 +150,14 @@ def fitted(
     step, mean_loss, history = 0, float("nan"), []
     if checkpoint.path.exists():
         state = checkpoint.load()
-        checkpoint = checkpoint._replace(begin=state["begin"])
-        network.load_state_dict(state["network"])
-        optimiser.load_state_dict(state["optimiser"])
-        step, mean_loss, history = state["step"], state["loss"], state["history"]
+        checkpoint = checkpoint._replace(begin=state.begin)
+        try:
+            network.load_state_dict(state.network)
+            optimiser.load_state_dict(state.optimiser)
+        except Exception as err:  # of many kinds
+            found = one_line(err, max_characters=200)
+            raise LidcamError(f"{checkpoint.path}: expected the state of such a training, found {found}") from err
+        step, mean_loss, history = state.step, state.loss, state.history
         if step > steps:
             raise LidcamError(f"{checkpoint.path}: is already at step {step}; pass --steps {step} or more")
     elif checkpoint.begin:

@@ -92,7 +92,7 @@ def _card(checkpoint: Checkpoint, steps: int, half: int, tables: Mapping[str, st
     family = f" --family {checkpoint.worlds}" if checkpoint.has_worlds else ""
     recordings = " --recordings RECORDING \\\n     " if checkpoint.recordings else ""
     how = " --bfloat16 \\\n     " if checkpoint.bfloat16 else ""
-    sources = "\n".join(f"- from step {step} on {text}" for step, text in checkpoint.load()["history"])
+    sources = "\n".join(f"- from step {step} on {text}" for step, text in checkpoint.load().history)
     table = "\n\n".join(f"In {name}:\n\n{table}" for name, table in tables.items())
     apart = [f"{2 * half} other worlds"] * checkpoint.has_worlds + ["the frames kept apart"] * bool(recordings)
     return f"""# A 3D network in pillars

@@ -40,6 +40,14 @@ def test_a_folder_is_searched_to_the_bottom(logs: Path, tmp_path: Path) -> None:
     assert [job.bytes for job in jobs[:2]] == [1, 2]
 
 
+def test_copies_of_one_recording_are_not_its_parts(tmp_path: Path) -> None:
+    """The same times, and a part of them."""
+    messages = small_drive("cdr", frames=9)
+    for number, part in enumerate((messages, messages, messages, messages[len(messages) // 2 :])):
+        write_mcap(tmp_path / f"d_{number}.mcap", part)
+    assert names([tmp_path], tmp_path / "out") == ["d_0", "d_1", "d_2", "d_3"]
+
+
 def test_results_below_the_folder_are_no_recordings(logs: Path) -> None:
     (logs / "out").mkdir()
     (logs / "out" / "a.mcap").write_bytes(b"1")
@@ -66,6 +74,7 @@ def test_files_patterns_lists_and_urls(logs: Path, tmp_path: Path) -> None:
         (["*.none"], "found nothing of this pattern"),
         (["@nothing.txt"], "expected a list of recordings"),
         (["empty"], "expected recordings"),
+        (["a" * 300], "cannot be searched for recordings: File name too long"),
         (["one/a.bag", "two/a.bag"], "would both become a.mcap"),
     ],
 )

@@ -11,34 +11,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from written_jobs import Written
 
 from lidcam.batch.engine import Engine, Task
-from lidcam.batch.jobs import BatchJob, find_jobs
+from lidcam.batch.jobs import RECORDS, BatchJob, find_jobs
 from lidcam.batch.local import LocalEngine
-from lidcam.batch.records import FOLDER, JobRecord
+from lidcam.batch.records import JobRecord
 from lidcam.batch.run import BatchOptions, run_batch
 from lidcam.batch.store import Store
 from lidcam.run.job import Job
-
-
-class Written(LocalEngine):
-    """Writes a result; fails where the recording says so."""
-
-    def __init__(self) -> None:
-        super().__init__(1)
-        self.ran: list[str] = []
-
-    def run(self, task: Task, *, keep_open: int | None) -> JobRecord:
-        (recording,), (output,) = task.job.inputs, task.outputs
-        assert isinstance(recording, Path)
-        assert isinstance(output, Path)
-        self.ran.append(recording.name)
-        os.fstat(keep_open or 0)
-        content = recording.read_bytes()
-        if content.startswith(b"bad"):
-            return replace(task.record, state="failed", exit_code=1, message="it is bad")
-        output.write_bytes(content)
-        return replace(task.record, state="incomplete" if content.startswith(b"cut") else "done")
 
 
 @pytest.fixture
@@ -100,16 +81,9 @@ def test_what_was_at_work_when_a_batch_was_killed_is_done_again(
     assert "a: an earlier batch was killed while it ran" in caplog.text
 
 
-@pytest.mark.parametrize("content", [b"", b"{}", b"[1]", b"{"])
-def test_a_record_that_cannot_be_read_is_none(content: bytes, jobs: list[BatchJob], options: BatchOptions) -> None:
-    done(jobs, options)
-    (folder(options) / FOLDER / "a.json").write_bytes(content)
-    assert done(jobs, options)[1] == ["b.bag", "a.bag"]
-
-
 def test_a_job_at_which_another_batch_is_at_work_is_left_to_it(jobs: list[BatchJob], options: BatchOptions) -> None:
-    (folder(options) / FOLDER).mkdir(parents=True)
-    with (folder(options) / FOLDER / "a.lock").open("wb") as lock:
+    (folder(options) / RECORDS).mkdir(parents=True)
+    with (folder(options) / RECORDS / "a.lock").open("wb") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         assert done(jobs, options) == (["busy", "failed", "incomplete"], ["b.bag", "c.bag"])
         Store(options.out).keep(JobRecord("a", "a.bag", "key", "begun"))

@@ -4,6 +4,7 @@ import errno
 import logging
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import typer
@@ -76,6 +77,7 @@ def test_bugs_keep_their_traceback(error: Exception, capsys: pytest.CaptureFixtu
     [
         (app, [HOSTILE], "No such command"),
         (app, ["inspect", f"--{HOSTILE}"], "No such option"),
+        (app, ["batch", "-x.bag"], "No such option: -x. There is a file -x.bag: write ./-x.bag"),
         (app, ["process", "a.bag", f"{HOSTILE}.txt"], f"ends in .mcap, found {SHOWN}.txt"),
         (process_app, ["a.bag", "b.mcap", "--on-bad-message", HOSTILE], "--on-bad-message"),
     ],
@@ -84,9 +86,12 @@ def test_wrong_usage(
     program: typer.Typer,
     arguments: list[str],
     told: str,
+    tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "-x.bag").touch()
     monkeypatch.setattr(sys, "argv", ["lidcam", *arguments])
     with pytest.raises(SystemExit) as end:
         run_program(program, "lidcam")

@@ -6,9 +6,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import torch
 from command import called
+from written_jobs import Written
 
+from lidcam.batch.jobs import RECORDS, find_jobs
+from lidcam.batch.run import BatchOptions, run_batch
+from lidcam.batch.store import Store
+from lidcam.batch.table import TABLE, records_table
 from lidcam.pipeline.core.errors import OutputError
+from lidcam.run.job import Job
+from lidcam.training.pillars.fit import Checkpoint
+from lidcam.training.pillars.network import PillarNetwork
 from lidcam.writers.outputs.transaction import OutputTransaction
 
 SAMPLE = Path(__file__).resolve().parents[3] / "bags" / "sandbox.bag"
@@ -147,12 +156,81 @@ def test_a_command_names_what_it_leaves_in_one_line(tmp_path: Path, home: Path) 
     assert seen(home) == before
 
 
-@pytest.mark.parametrize("kind", sorted({*KINDS} - PLAIN - {"of another user"}))
-def test_a_command_refuses_anything_but_a_file_in_one_line(tmp_path: Path, home: Path, kind: str) -> None:
-    for name in ("rig.yaml", "run.log"):
-        KINDS[kind](tmp_path / name, home)
-    before = seen(tmp_path)
-    for options in (("--write-rig", "rig.yaml"), ("--log-file", "run.log")):
-        run = called(tmp_path, "inspect", SAMPLE, *options)
-        assert (run.code, "expected" in run.error_line) == (1, True)
-        assert seen(tmp_path) == before
+BATCH_PLACES = (
+    *(TABLE, f"{TABLE}.new", RECORDS, f"{RECORDS}/.lock", f"{RECORDS}/day"),
+    *(f"{RECORDS}/day/a.{ending}" for ending in ("json", "json.new", "lock")),
+    *("day", "day/a.mcap", "day/a.mcap.new"),
+)
+
+
+@pytest.mark.parametrize("place", BATCH_PLACES)
+def test_a_batch_writes_and_reads_nothing_elsewhere(
+    tmp_path: Path, home: Path, place: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each kind in each place: 130 folders. What is refused is one line of the batch, or of the job."""
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+    (tmp_path / "logs" / "day").mkdir(parents=True)
+    (tmp_path / "logs" / "day" / "a.bag").write_bytes(b"content")
+    (tmp_path / "logs" / "b.bag").write_bytes(b"content")
+    at_home, outcomes = seen(home), {}
+    for kind, plant in KINDS.items():
+        out = tmp_path / kind
+        (out / place).parent.mkdir(parents=True)
+        plant(out / place, home)
+        try:
+            jobs = find_jobs([str(tmp_path / "logs")], out)
+            b, a = run_batch(jobs, BatchOptions(out, Job(())), Written(), lambda _: None)
+            Store(out).keep_table(records_table([a, b]))
+            outcomes[kind] = f"{a.state} {b.state}{a.message}"
+        except OutputError as err:
+            outcomes[kind] = str(err)
+        assert seen(home) == at_home, kind
+    is_unused, is_folder = place.endswith(".new"), place in {RECORDS, f"{RECORDS}/day", "day"}
+    sound = {"empty folder", "folder", "deep folder"} if is_folder else {"file", "hard link", "of another user"}
+    for kind, outcome in outcomes.items():
+        assert "\n" not in outcome
+        if is_unused or kind == "nothing" or kind in sound:
+            assert outcome == "done done", kind
+        elif place in {TABLE, RECORDS, f"{RECORDS}/.lock"}:
+            assert "expected" in outcome, kind
+        else:
+            assert outcome.startswith("failed done"), kind
+
+
+@pytest.mark.parametrize("place", ["mine.ckpt", ".mine.ckpt.part"])
+def test_the_state_of_a_training_is_written_nowhere_else(tmp_path: Path, home: Path, place: str) -> None:
+    at_home, network = seen(home), PillarNetwork(1)
+    optimiser = torch.optim.AdamW(network.parameters())
+    for kind, plant in KINDS.items():
+        (tmp_path / kind).mkdir()
+        plant(tmp_path / kind / place, home)
+        checkpoint = Checkpoint(tmp_path / kind / "mine.ckpt", "sandbox", 0)
+        if place != checkpoint.path.name or kind in {*PLAIN, "of another user"}:
+            checkpoint.save(network, optimiser, 7, 1.0)
+            assert checkpoint.load().step == 7
+        else:
+            with pytest.raises(OutputError, match="expected the name of a file to write, found"):
+                checkpoint.save(network, optimiser, 7, 1.0)
+        assert seen(home) == at_home, kind
+
+
+REFUSED = sorted({*KINDS} - PLAIN - {"of another user"})
+COMMANDS = {
+    "rig.yaml": ("inspect", SAMPLE, "--write-rig", "rig.yaml"),
+    "run.log": ("inspect", SAMPLE, "--log-file", "run.log"),
+    "mine.ckpt": ("train", "pillars", "--steps", "1", "--family", "sandbox", "--out", "mine.onnx", "--resume"),
+    "mine.md": ("train", "pillars", "--steps", "1", "--family", "sandbox", "--out", "mine.onnx", "--overwrite"),
+    "page.html": ("report", SAMPLE, "--out", "page.html", "--overwrite"),
+    "set": ("export", SAMPLE, "--format", "kitti", "--out", "set"),
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_commands_refuse_what_is_planted_in_one_line(tmp_path: Path, home: Path, name: str) -> None:
+    for kind in REFUSED if name != "set" else sorted({*KINDS} - {"nothing", "empty folder"}):
+        (tmp_path / kind).mkdir()
+        KINDS[kind](tmp_path / kind / name, home)
+        before = seen(tmp_path / kind), seen(home)
+        run = called(tmp_path / kind, *COMMANDS[name])
+        assert (run.code, f"{name}: " in run.error_line) == (1, True), kind
+        assert (seen(tmp_path / kind), seen(home)) == before, kind

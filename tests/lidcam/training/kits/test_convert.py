@@ -12,6 +12,7 @@ from contextlib import nullcontext
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 import pytest
@@ -192,6 +193,14 @@ def test_nothing_in_a_checkpoint_is_run(tmp_path: Path) -> None:
     assert not (tmp_path / "ran").exists()
 
 
+DEFLATED = "deflated"
+"""A checkpoint of zeros that somebody has compressed."""
+
+DOUBLED: list[object] = ["text"]
+for _ in range(60):
+    DOUBLED = [DOUBLED, DOUBLED]
+
+
 @pytest.mark.parametrize(
     ("held", "is_new", "message"),
     [
@@ -205,13 +214,24 @@ def test_nothing_in_a_checkpoint_is_run(tmp_path: Path) -> None:
         ({"state_dict": {}}, True, "holds no configuration: give --config FILE"),
         (None, True, "found no such file"),
         (b"", True, "expected a checkpoint of"),
+        ({"state_dict": {"a": torch.zeros(1).expand(1 << 30)}}, True, "found ValueError: layers of 1073741824 numbers"),
+        ({"state_dict": {}, "meta": {"cfg": DOUBLED}}, True, "holds no configuration: give --config FILE"),
+        (DEFLATED, True, r"found ValueError: 0\.1 MiB that would be 95 when unpacked"),
+        ("fifo", True, "found OSError: .* found a FIFO or a device"),
     ],
 )
 def test_files_that_are_no_checkpoints(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: object, is_new: bool, message: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    if isinstance(held, bytes):
+    if held == "fifo":
+        os.mkfifo("net.pth")
+    elif held == DEFLATED:
+        torch.save({"state_dict": {"a": torch.zeros(25_000_000)}}, "stored")
+        with ZipFile("stored") as stored, ZipFile("net.pth", "w", ZIP_DEFLATED) as deflated:
+            for name in stored.namelist():
+                deflated.writestr(name, stored.read(name))
+    elif isinstance(held, bytes):
         (tmp_path / "net.pth").write_bytes(held)
     elif held is not None:
         torch.save(held, tmp_path / "net.pth", _use_new_zipfile_serialization=is_new)

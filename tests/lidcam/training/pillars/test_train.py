@@ -107,13 +107,13 @@ def test_a_training_goes_on_with_recordings_and_other_worlds(tmp_path: Path, mon
     sources = worlds, worlds._replace(recordings=recordings), worlds, worlds._replace(bfloat16=True)
     for steps, source in enumerate(sources, 1):
         fitted(source, steps, workers=1, step_done=kill_at(0))
-    history = worlds.load()["history"]
+    history = worlds.load().history
     assert [step for step, _ in history] == [0, 1, 2, 3]
     assert history[3][1] == "drawn worlds (`sandbox`), in bfloat16"
     assert "drawn worlds (`sandbox`) and\n  frames of recordings\n  a.mcap" in history[1][1]
 
     save(Checkpoint(tmp_path / "b", "road", 3), 2)
-    assert Checkpoint(tmp_path / "b", "all", 3).load()["step"] == 2
+    assert Checkpoint(tmp_path / "b", "all", 3).load().step == 2
     families = [family_of("all", number) for number in range(5)]
     assert families == ["road", "road", "crossing", "crossing", "road"]
 
@@ -130,16 +130,23 @@ def save(checkpoint: Checkpoint, step: int) -> None:
         (b"torch", "sandbox", 9, "expected the state of a training"),
         (None, "road", 9, "a training of --family road --seed 0, found --family sandbox --seed 0"),
         (None, "sandbox", 6, "is already at step 7; pass --steps 7 or more"),
+        ({"step": -1}, "sandbox", 9, "expected the state of a training of .*, found 1 validation error"),
+        ({"history": ["x"]}, "sandbox", 9, "expected the state of a training of .*, found 1 validation error"),
+        ({"family": "moon"}, "sandbox", 9, "expected the state of a training of .*, found 1 validation error"),
+        ({"network": {}}, "sandbox", 9, "expected the state of such a training, found Error"),
+        ({"optimiser": {}}, "sandbox", 9, "expected the state of such a training, found 'param_groups'"),
     ],
 )
 def test_a_checkpoint_that_cannot_be_used(
-    tmp_path: Path, content: bytes | None, family: Worlds, steps: int, message: str
+    tmp_path: Path, content: bytes | dict[str, object] | None, family: Worlds, steps: int, message: str
 ) -> None:
     path = tmp_path / "mine.ckpt"
-    if content is None:
-        save(Checkpoint(path, "sandbox", 0), 7)
-    else:
+    if isinstance(content, bytes):
         path.write_bytes(content)
+    else:
+        save(Checkpoint(path, "sandbox", 0), 7)
+    if isinstance(content, dict):
+        torch.save(torch.load(path, weights_only=True) | content, path)
     with pytest.raises(LidcamError, match=message):
         fitted(Checkpoint(path, family, 0), steps, workers=1, step_done=kill_at(0))
 
@@ -188,7 +195,7 @@ def test_a_training_begins_with_an_embedded_network(tmp_path: Path, monkeypatch:
         fitted(checkpoint, 2, workers=1, step_done=kill_at(1), every_s=0)
     trained = fitted(checkpoint._replace(begin=""), 2, workers=1, step_done=kill_at(0))
     assert all(torch.equal(one, two) for one, two in zip(first.parameters(), trained.parameters(), strict=True))
-    assert checkpoint.load()["history"][0] == (0, "with the weights of `sandbox`")
+    assert checkpoint.load().history[0] == (0, "with the weights of `sandbox`")
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,38 @@
+"""Files that a run has written, as they are recognised later."""
+
+import os
+from dataclasses import dataclass, field
+from hashlib import file_digest
+from pathlib import Path
+
+from lidcam.pipeline.core.small_files import open_regular
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenFile:
+    """Size and checksum of a file; two are equal if these are."""
+
+    bytes: int  # Size in bytes
+    checksum: str  # SHA-256 of a local file, hexadecimal; ETag of an object in a bucket
+    # Inode, time of the last write and of the last change of a local file: a file that still has them was not changed
+    facts: str = field(default="", compare=False)
+
+
+def written_file(path: Path, known: WrittenFile | None = None) -> WrittenFile | None:
+    """The file at a path, which is not followed if it is a link; None where no regular file is.
+
+    Args:
+        path: The file.
+        known: The same file as it was written; it is read only if it has changed since.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    if path.is_symlink() or not path.is_file():
+        return None
+    with open_regular(path, os.O_NOFOLLOW) as file:
+        status = os.fstat(file.fileno())
+        facts = f"{status.st_ino} {status.st_mtime_ns} {status.st_ctime_ns}"
+        if known is not None and (known.bytes, known.facts) == (status.st_size, facts):
+            return known
+        return WrittenFile(status.st_size, file_digest(file, "sha256").hexdigest(), facts)
