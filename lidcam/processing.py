@@ -105,13 +105,13 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunSumma
     """
     observer = observer or RunObserver()
     named = read_named_files(job)
-    with open_outputs(job) as outputs, opened(job) as run:
+    with ExitStack() as views, open_outputs(job) as outputs, opened(job) as run:
         written = written_files(job)
         with ExitStack() as stack:
             observer.opened(run.source)
             inputs = stack.enter_context(closing(input_files(run.source, named, is_written=bool(written))))
             provenance = provenance_of(job, run.source, inputs, run.summary)
-            writers = open_writers(job, run.source, provenance, outputs, stack)
+            writers = open_writers(job, run.source, provenance, outputs, views, stack)
             # Closed before the writers are, also when the observer raises: then no stage is at work any more.
             folder = written[0].parent if written else None
             frames = stack.enter_context(closing(run.frames(writers, folder, partial(_advance, run, inputs, observer))))

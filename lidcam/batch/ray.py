@@ -3,6 +3,7 @@
 import logging
 import os
 import pickle
+import secrets
 import signal
 import socket
 from collections.abc import Callable, Generator, Sequence
@@ -11,6 +12,7 @@ from dataclasses import replace
 from importlib.metadata import version
 from io import TextIOBase
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Lock, current_thread, main_thread
 from typing import Any, TypeVar
 
@@ -55,7 +57,7 @@ class RayEngine(Engine):
     """
 
     def __init__(self, jobs: int | None, cores: int, address: str | None, program: Sequence[str] = WORKER) -> None:
-        os.environ.update(QUIET | os.environ)
+        os.environ.update(QUIET | os.environ | ({} if address else _closed()))
         try:
             import ray
         except ImportError as err:
@@ -63,7 +65,9 @@ class RayEngine(Engine):
         self._ray: Any = ray
         self._program = tuple(program)
         self._lock, self._refs, self._is_ending = Lock(), set[Any](), False
-        started: dict[str, Any] = {"num_cpus": (jobs or 1) * cores, "object_store_memory": STORE_BYTES}
+        self._folder = TemporaryDirectory(prefix="ray-", ignore_cleanup_errors=True)
+        size: dict[str, Any] = {"num_cpus": (jobs or 1) * cores, "object_store_memory": STORE_BYTES}
+        started = {**size, "include_dashboard": False, "_temp_dir": self._folder.name}
         handler = signal.getsignal(signal.SIGTERM)
         try:
             if address:
@@ -72,16 +76,17 @@ class RayEngine(Engine):
                 address or "local",
                 log_to_driver=False,
                 logging_level=logging.ERROR,
-                **({} if address else {**started, "include_dashboard": False}),
+                **({} if address else started),
             )
         except Exception as err:  # of many kinds: no cluster, another version of Ray or Python
+            self._leave()
             raise LidcamError(f"--engine ray: {' '.join(str(err).split())}") from err
         finally:
             if current_thread() is main_thread():
                 signal.signal(signal.SIGTERM, handler)  # Ray has put its own in its place
         room = sum(_room(node["Resources"], cores) for node in self._ray.nodes() if node["Alive"])
         if not room:
-            ray.shutdown()
+            self._leave()
             raise LidcamError(
                 f"--engine ray: expected a node with {cores} cores and {JOB_MIB} MiB of memory, found none"
             )
@@ -96,7 +101,7 @@ class RayEngine(Engine):
             try:
                 yield from super().outcomes(tasks)
             finally:
-                self._ray.shutdown()
+                self._leave()
 
     def run(self, task: Task, *, keep_open: int | None) -> JobRecord:  # noqa: ARG002  # of this machine
         """Run it on a node that has room, and wait for it."""
@@ -122,6 +127,10 @@ class RayEngine(Engine):
         if isinstance(record, str):
             raise WorkerError(record)
         return record
+
+    def _leave(self) -> None:
+        self._ray.shutdown()
+        self._folder.cleanup()
 
     def _end(self) -> None:
         with self._lock:
@@ -164,6 +173,15 @@ def _task() -> Callable[[tuple[str, ...], bytes, str, str], object]:
         return LocalEngine(1, program, is_bound=True).run(pickle.loads(task), keep_open=None)  # noqa: S301  # from the batch
 
     return processed
+
+
+def _closed() -> dict[str, str]:
+    """Settings of a Ray that is for this program alone; `import ray` reads them."""
+    return {
+        "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # no other machine joins, on no system: it listens at 127.0.0.1
+        "RAY_AUTH_MODE": "token",
+        "RAY_AUTH_TOKEN": secrets.token_hex(),
+    }
 
 
 def _check(address: str) -> None:

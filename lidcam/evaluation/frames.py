@@ -36,10 +36,11 @@ class EvaluationFrames:
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes for the user about what was read, one line each."""
-        no_truth = f"no truth: {self._reason}"
+        no_truth, path = f"no truth: {self._reason}", self._result.path
         adrift = (ADRIFT,) if self._result.is_adrift and self._truth is not None else ()
         of_truth = (no_truth,) if self._truth is None else (f"truth: {self._truth.description}", *self._truth.notes)
-        return (*self._result.notes, *of_truth, *adrift, *self._notes.lines())
+        lines = (*self._result.notes, *of_truth, *adrift, *self._notes.lines())
+        return tuple(line.replace(str(path), path.name) for line in lines)  # a page shows no folders
 
     def __iter__(self) -> Iterator[EvaluationFrame]:
         """The frames in order; to be read once.
@@ -96,7 +97,6 @@ class EvaluationFrames:
         if shown is not None:
             return shown
         moment = self._truth.moment(found.stamp_ns, frame=frame.index)
-        in_site = None if moment is None else self._in_site(moment.boxes)
-        if moment is None or in_site is None:
+        if moment is None or (in_site := self._in_site(moment.boxes)) is None:
             return None
         return projected_truth(in_site, self._cameras[name], moment.camera_pixels.get(name))

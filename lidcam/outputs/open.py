@@ -63,17 +63,17 @@ def how_to_open(job: Job) -> dict[str, str]:
 
 
 def open_writers(
-    job: Job, source: RunInput, provenance: Provenance, outputs: OutputTransaction, stack: ExitStack
+    job: Job, source: RunInput, provenance: Provenance, outputs: OutputTransaction, views: ExitStack, files: ExitStack
 ) -> Sequence[ResultWriter]:
-    """The writers of a job's views and outputs, open; they end with `stack`, before the outputs get their names.
+    """The writers of a job, open: views end with `views`, when the outputs have their names, the others with `files`.
 
     Raises:
         OutputError: an output cannot be written, or a library is not installed.
     """
     opening = partial(Opening, job, source, provenance, outputs)
-    views = [(Path(output.option), output) for output in shown_outputs(job)]
-    files = [(path, output) for path, output in written_outputs(job) if not output.made_of_result]
-    return [stack.enter_context(loaded(output.open)(opening(path=path))) for path, output in (*views, *files)]
+    shown = [(views, Path(output.option), output) for output in shown_outputs(job)]
+    written = [(files, path, output) for path, output in written_outputs(job) if not output.made_of_result]
+    return [stack.enter_context(loaded(one.open)(opening(path=path))) for stack, path, one in (*shown, *written)]
 
 
 def make_pages(job: Job, outputs: OutputTransaction) -> None:

@@ -53,7 +53,8 @@ class JobOptions(TypedDict, total=False):
         copy_topics: Topics to copy to the output, e.g. /map or '/radar/*'. Default: ground-truth topics.
         overwrite: Overwrite files that lidcam did not write (never inputs).
         view: Show the frames in the Rerun viewer during the run.
-        foxglove: Serve the frames to Foxglove during the run; without a host, to this machine only.
+        foxglove: Serve the frames to Foxglove during the run. Without a host, only this machine can connect: its
+            programs, and any web page in its browser.
         pace: Limit playback to N x real time, e.g. 1. Default: as fast as possible.
         save_matches: Also write an image (JPEG) of each camera and frame into this folder: 2D and 3D boxes, matches.
     """

@@ -100,7 +100,7 @@ class Answer(NamedTuple):
 def log_levels() -> Mapping[str, int]:
     """The levels of the loggers that have one, by name; the root has none."""
     root = logging.getLogger()
-    loggers = {name: one for name, one in root.manager.loggerDict.items() if isinstance(one, logging.Logger)}
+    loggers = {name: one for name, one in root.manager.loggerDict.copy().items() if isinstance(one, logging.Logger)}
     return {"": root.level, **{name: logger.level for name, logger in sorted(loggers.items()) if logger.level}}
 
 

@@ -6,12 +6,14 @@ from types import SimpleNamespace
 
 import pytest
 from command import called
+from foxglove.websocket import WebSocketServer
 from foxglove_client import FoxgloveClient
 from helpers import CLUSTERS
 from mcap.reader import make_reader
 
 import lidcam
 from lidcam.pipeline.core.frame import FrameResult
+from lidcam.writers.live import server
 
 SANDBOX = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
 
@@ -72,6 +74,28 @@ def test_foxglove_gets_what_the_file_gets(tmp_path: Path, port: int) -> None:
     assert len(client.decoded("/point_cloud_combined").data) > 10_000
     assert client.times_ns[-1] == log_times_ns[-1]
     assert (client.server["name"], client.server["capabilities"]) == ("sandbox.bag", ["time"])
+
+
+def test_who_says_nothing_does_not_hold_up_the_end(tmp_path: Path, port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The outputs have their names before the server stops."""
+    out, clients, was_named = tmp_path / "out.mcap", list[socket.socket](), list[bool]()
+    stop = server._stop
+
+    def stopped(one: WebSocketServer) -> None:
+        was_named.append(out.exists())
+        stop(one)
+
+    def connect(_: FrameResult) -> None:
+        if not clients:
+            clients.extend(socket.create_connection(("127.0.0.1", port)) for _ in range(2))
+            clients[1].sendall(b"GET / HTTP/1.1\r\n")
+
+    monkeypatch.setattr(server, "_stop", stopped)
+    lidcam.process(SANDBOX, out, settings=[CLUSTERS], duration_s=0.3, workers=1, foxglove=port, on_frame=connect)
+    assert was_named == [True]
+    for client in clients:
+        with client:
+            assert client.recv(1) == b""
 
 
 @pytest.mark.parametrize(

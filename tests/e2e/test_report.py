@@ -95,10 +95,14 @@ def test_a_page_is_made_of_a_result(tmp_path: Path) -> None:
     [
         ({"track.mode": "none"}, "They were not tracked"),
         ({"fuse.min_score": 1.0}, "Nothing was found in 0.1 s."),
+        ({"output.copy_topics": []}, ">no truth: out.mcap: expected truth"),
     ],
 )
 def test_what_is_lacking_is_said(tmp_path: Path, settings: dict[str, object], said: str) -> None:
     mcap = tmp_path / "out.mcap"
     settings = {"detect3d.method": "cluster"} | settings
     lidcam.process(SANDBOX, mcap, config="sandbox", settings=settings, duration_s=0.3, workers=1)
-    assert said in make_page(mcap)
+    made = make_page(mcap)
+    assert said in made
+    (tmp_path / "other").mkdir()
+    assert make_page(mcap.rename(tmp_path / "other" / "out.mcap")) == made

@@ -28,7 +28,7 @@ def _store(name: str, definition: str) -> Typestore:
 
 
 class FoxgloveClient:
-    """Subscribes to all channels that a server has, and keeps what comes until the server goes.
+    """Subscribes to all channels that a server has, as any web page may, and keeps what comes until the server goes.
 
     Attributes:
         server: What the server says of itself.
@@ -67,7 +67,7 @@ class FoxgloveClient:
     async def _run(self) -> None:
         async with (
             aiohttp.ClientSession() as session,
-            session.ws_connect(self._url, protocols=[PROTOCOL], max_msg_size=0) as socket,
+            session.ws_connect(self._url, protocols=[PROTOCOL], max_msg_size=0, origin="http://a.example") as socket,
         ):
             await self._listen(socket)
 

@@ -1,8 +1,10 @@
 """Serves the frames of a run over Foxglove's WebSocket protocol, with the topics and messages of the MCAP output."""
 
 import logging
+import socket
+import threading
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import foxglove
@@ -20,6 +22,9 @@ from lidcam.writers.mcap.writer import ResultMessages
 
 LATCHED = "/tf_static"
 """Topic that has one message, which whoever subscribes later gets, too."""
+
+STOP_S = 1.0
+"""Seconds that clients have to leave a server that stops."""
 
 
 class FoxgloveServer(ResultWriter):
@@ -62,7 +67,7 @@ class FoxgloveServer(ResultWriter):
             )
         except RuntimeError as err:
             raise OutputError(f"--foxglove: expected a free port, found {self._host}:{self._port} ({err})") from err
-        resources.callback(self._server.stop)
+        resources.callback(_stop, self._server)
 
     def _finish(self) -> None:
         self._messages.finish()
@@ -76,6 +81,26 @@ class FoxgloveServer(ResultWriter):
         drops = self._messages.add_frame(result)
         self._server.broadcast_time(result.bundle.log_time_ns)
         return drops
+
+
+def _stop(server: WebSocketServer) -> None:
+    """Stop a server within seconds: by itself it waits for silent clients, and for slow ones, without end."""
+    port = server.port
+    stopping = threading.Thread(target=server.stop, name="lidcam-foxglove", daemon=True)
+    stopping.start()
+    stopping.join(STOP_S)
+    if stopping.is_alive():
+        _shut_connections(port)
+        stopping.join(10 * STOP_S)  # a moment, but on a busy machine
+
+
+def _shut_connections(port: int) -> None:
+    """Shut the connections of this process at one of its ports; the library has no way to do so."""
+    for path in Path("/dev/fd").iterdir():
+        if path.is_socket():
+            with suppress(OSError), socket.fromfd(int(path.name), socket.AF_INET, socket.SOCK_STREAM) as one:
+                if one.getsockname()[1:2] == (port,):
+                    one.shutdown(socket.SHUT_RDWR)
 
 
 class _Channels(MessageSink, ServerListener):

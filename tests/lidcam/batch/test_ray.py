@@ -1,10 +1,13 @@
 """Batches on a cluster of two nodes on this machine; a start of it takes seconds, so there is one."""
 
+import os
+import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -105,5 +108,31 @@ def test_without_ray_or_without_a_cluster_there_is_one_line(monkeypatch: pytest.
     with pytest.raises(LidcamError, match=r"127\.0\.0\.1:9: expected the head of a Ray cluster, found none"):
         RayEngine(None, 1, "127.0.0.1:9")
     monkeypatch.setitem(sys.modules, "ray", None)
+    monkeypatch.setattr("lidcam.batch.ray._closed", dict)  # the variables would stay
     with pytest.raises(LidcamError, match=r"not installed: pip install 'lidcam\[ray\]'"):
         RayEngine(None, 1, None)
+
+
+CLOSED = """
+import socket
+from lidcam.batch.ray import RayEngine
+engine = RayEngine(1, 1, None)
+import ray
+(node,) = ray.nodes()
+gcs = ray.get_runtime_context().gcs_address.rpartition(":")[2]
+for port in (int(gcs), node["NodeManagerPort"], node["ObjectManagerPort"]):
+    socket.create_connection(("127.0.0.1", port)).close()
+    with socket.socket() as client:
+        print(client.connect_ex(("127.0.0.2", port)) == 0)
+list(engine.outcomes([]))
+"""
+"""Ports of Ray at 127.0.0.2 are open if it listens at all addresses of this machine."""
+
+
+def test_ray_on_this_machine_is_closed_and_leaves_nothing() -> None:
+    with TemporaryDirectory() as home:  # its sockets need a short path
+        settings = {key: value for key, value in os.environ.items() if not key.startswith("RAY_")}
+        settings |= {"HOME": home, "TMPDIR": home, "PYTHONPATH": os.pathsep.join(sys.path)}
+        done = subprocess.run([sys.executable, "-c", CLOSED], env=settings, capture_output=True, text=True, check=True)
+        assert done.stdout.split() == ["False"] * 3
+        assert list(Path(home).rglob("*")) == []

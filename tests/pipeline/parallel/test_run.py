@@ -18,7 +18,7 @@ from lidcam.pipeline.core.errors import MessageError, WorkerError
 from lidcam.pipeline.graph import Graph, Node
 from lidcam.pipeline.parallel.process import copied_workers
 from lidcam.pipeline.parallel.run import Limits, run_parallel
-from lidcam.pipeline.parallel.worker import MakeGraph, WorkerTraceback
+from lidcam.pipeline.parallel.worker import MakeGraph, WorkerTraceback, log_levels
 
 # The test runner has threads.
 pytestmark = pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")
@@ -237,6 +237,19 @@ def test_no_copies_where_there_are_threads(monkeypatch: pytest.MonkeyPatch) -> N
     finally:
         stop.set()
         thread.join()
+
+
+def test_a_logger_may_appear_while_their_levels_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a thread of a library: the class of this one is asked for meanwhile."""
+
+    class Early:
+        @property  # type: ignore[misc]  # as of a mock
+        def __class__(self) -> type:
+            return type(logging.getLogger("late").handlers)
+
+    with monkeypatch.context() as patch:
+        patch.setitem(logging.Logger.manager.loggerDict, "early", Early())
+        assert "" in log_levels()
 
 
 @pytest.mark.parametrize("way", ["copy"], indirect=True)
