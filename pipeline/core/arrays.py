@@ -153,9 +153,9 @@ class Column(NamedTuple):
 
 @cache
 def columns(table: Any) -> tuple[Column, ...]:
-    """The arrays of a table, by the types and the `ROWS` that it declares."""
+    """The arrays of a table, or of another dataclass, by the types and the `ROWS` that it declares."""
     return tuple(
-        Column(name, table.ROWS.get(name, ()), get_args(get_args(field.type)[1])[0])
+        Column(name, getattr(table, "ROWS", {}).get(name, ()), get_args(get_args(field.type)[1])[0])
         for name, field in table.__dataclass_fields__.items()
         if get_origin(field.type) is np.ndarray
     )
