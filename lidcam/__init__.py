@@ -16,10 +16,7 @@ if TYPE_CHECKING:
 else:
 
     def __getattr__(name: str) -> Any:
-        from lidcam.cli.printing.compiling import compiled_together
-
-        with compiled_together():
-            import lidcam.api as api
+        import lidcam.api as api
 
         if name not in {"api", "__all__", *api.__all__}:
             raise AttributeError(f"module 'lidcam' has no attribute {name!r}")

@@ -41,7 +41,6 @@ MAY_IMPORT = {
 EXITS = {
     "lidcam.cli.program",
     "lidcam.signals",
-    "lidcam.pipeline.core.compiled.beside",
     "lidcam.pipeline.parallel.pool",
     "lidcam.pipeline.parallel.worker",
 }

@@ -29,11 +29,7 @@ Examples:
 """
 
 
-COMPILE = """
-from lidcam.cli.printing.compiling import compiled_together
-with compiled_together(shown=True):
-    import lidcam.processing
-"""
+COMPILE = "import lidcam.processing"
 """Run once, before many processes begin, in a process of its own, so that this one stays small."""
 
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Unpack
 import typer
 
 from lidcam.cli.options import AsJson, output_option, with_job_options, with_log_options
-from lidcam.cli.printing.compiling import compiled_together
 from lidcam.cli.printing.log import is_verbose, remark_log
 from lidcam.cli.verdict import Verdict, first_of
 from lidcam.readers.location import location
@@ -121,10 +120,9 @@ def _verdict(inspection: "Inspection", *, needs_rig: bool) -> Verdict:
 
 def _checked(job: "Job") -> "RigCheck":
     """The rig, checked by the whole recording."""
-    with compiled_together(shown=True):
-        from lidcam.rig_check import check_rig
     from lidcam.cli.printing.running import shown_run
     from lidcam.cli.printing.terminal import console
+    from lidcam.rig_check import check_rig
 
     with shown_run(console()) as observer:
         return check_rig(job, observer)

@@ -18,7 +18,6 @@ from lidcam.cli.options import (
     with_job_options,
     with_log_options,
 )
-from lidcam.cli.printing.compiling import compiled_together
 from lidcam.cli.printing.log import is_verbose, remark_log
 from lidcam.cli.verdict import Verdict, strict_failure
 from lidcam.outputs.registry import endings_of
@@ -168,13 +167,12 @@ def run_process(
         IncompleteError: part of the recording could not be used; the outputs are kept.
         LidcamError: as in `process_recording`.
     """
-    with compiled_together(shown=True):
-        from lidcam.processing import process_recording
     from lidcam.cli.json_output import json_output
     from lidcam.cli.printing.console import print_summary
     from lidcam.cli.printing.running import shown_run
     from lidcam.cli.printing.terminal import console, show_json
     from lidcam.outputs.open import written_files
+    from lidcam.processing import process_recording
 
     out = console()
     others = (*job.inputs, *written_files(job), *job.read_files)

@@ -4,8 +4,6 @@ from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import numpy as np
-
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
 from lidcam.pipeline.core.rig import Rig
@@ -59,16 +57,9 @@ def known_figures(config: Config, rig: Rig, sources: Sequence[str]) -> NamedFigu
 
     Figures named by the words of the truth, and figures of tracks, are not among them.
     """
-    none, no_ids = np.zeros(0, np.int32), np.zeros(0, np.int64)
-    names, marks = np.zeros(0, np.str_), np.zeros(0, np.bool_)
-    truth = TruthBoxes3D(
-        0, rig.site_frame, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), none, names, no_ids, none, none, marks
-    )
-    boxes = Boxes3D.empty(0, rig.site_frame)
-    image = ImageBoxes(
-        Boxes2D.empty(0, ""), TruthBoxes2D(0, np.zeros((0, 4), np.float32), none, names, no_ids, none, marks)
-    )
-    found = {source: SourceBoxes(boxes, no_ids) for source in sources}
+    truth = TruthBoxes3D.zeros(stamp_ns=0, frame_id=rig.site_frame)
+    image = ImageBoxes(Boxes2D.empty(0, ""), TruthBoxes2D.zeros(stamp_ns=0))
+    found = {source: SourceBoxes.zeros(boxes=Boxes3D.empty(0, rig.site_frame)) for source in sources}
     frame = EvaluationFrame(0, 0, truth, found, {camera.name: image for camera in rig.cameras}, 0)
     return NamedFigures({**measure([frame], evaluators_of(config, rig)), **timed(0.0)})
 

@@ -1,8 +1,9 @@
 """Array types by element, and the checks and selection shared by records of parallel arrays."""
 
+from collections.abc import Mapping
 from dataclasses import fields
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeVar, get_args, get_origin
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,7 @@ U32 = npt.NDArray[np.uint32]
 Bools = npt.NDArray[np.bool_]
 Array = npt.NDArray[Any]
 Indices = npt.NDArray[np.intp]
+Names = npt.NDArray[np.str_]
 Rows = Bools | Indices
 """Rows of an array, as a mask or as indices."""
 
@@ -67,19 +69,50 @@ def select_rows(record: Record, rows: Rows) -> Record:
 
 
 class Table:
-    """Base of records of parallel arrays: frozen dataclasses, whose first field has all rows."""
+    """Base of records of parallel arrays: frozen dataclasses, whose first array, or record of arrays, has all rows.
+
+    Attributes:
+        ROWS: Shape of a row, by the name of each array that has more than one number in it.
+    """
 
     __slots__ = ()
+    ROWS: ClassVar[Mapping[str, tuple[int, ...]]] = {}
     if TYPE_CHECKING:
         __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def __len__(self) -> int:
-        first: str = next(iter(self.__dataclass_fields__))
-        return len(getattr(self, first))
+        return len(getattr(self, _first(type(self))))  # type: ignore[arg-type]  # classes are hashable
+
+    def check_rows(self) -> None:
+        """Check shape and dtype of every array, and make it read-only.
+
+        Raises:
+            ValueError: they differ from those declared.
+        """
+        n = len(self)
+        for name, shape, dtype in columns(type(self)):  # type: ignore[arg-type]  # classes are hashable
+            array = getattr(self, name)
+            is_text = dtype is np.str_ and array.dtype.kind == "U"
+            check_array(name, array, (n, *shape), array.dtype if is_text else dtype)
+
+    @classmethod
+    def zeros(cls, count: int = 0, **others: Any) -> Self:
+        """A table of rows of zeros; `others` are the fields that are no arrays."""
+        arrays = {name: np.zeros((count, *shape), dtype) for name, shape, dtype in columns(cls)}  # type: ignore[arg-type]  # classes are hashable
+        return cls(**others, **arrays)
 
     def select(self, rows: Rows) -> Self:
         """The given rows (mask or indices), in that order; see `select_rows`."""
         return select_rows(self, rows)
+
+
+class CheckedTable(Table):
+    """A table whose arrays are checked when it is made."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        self.check_rows()
 
 
 def join_rows(*records: Record) -> Record:
@@ -108,6 +141,35 @@ def first_of_runs(values: Array) -> Bools:
     is_first = np.ones(len(values), np.bool_)
     np.not_equal(values[1:], values[:-1], out=is_first[1:])
     return is_first
+
+
+class Column(NamedTuple):
+    """An array of a table."""
+
+    name: str
+    shape: tuple[int, ...]  # Of a row
+    dtype: type[np.generic]
+
+
+@cache
+def columns(table: Any) -> tuple[Column, ...]:
+    """The arrays of a table, or of another dataclass, by the types and the `ROWS` that it declares."""
+    return tuple(
+        Column(name, getattr(table, "ROWS", {}).get(name, ()), get_args(get_args(field.type)[1])[0])
+        for name, field in table.__dataclass_fields__.items()
+        if get_origin(field.type) is np.ndarray
+    )
+
+
+@cache
+def _first(table: Any) -> str:
+    """The field that has all rows of a table."""
+    kinds: dict[str, Any] = {name: field.type for name, field in table.__dataclass_fields__.items()}
+    arrays = {column.name for column in columns(table)}
+    of_rows = (
+        name for name, kind in kinds.items() if name in arrays or (isinstance(kind, type) and issubclass(kind, Table))
+    )
+    return next(of_rows, next(iter(kinds)))
 
 
 @cache

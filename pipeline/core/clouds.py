@@ -2,17 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from lidcam.pipeline.core.arrays import F32, F64, I32, U8, U16, Rows, check_array, select_rows
+from lidcam.pipeline.core.arrays import F32, F64, I32, U8, U16, Table, check_array
 from lidcam.pipeline.core.text import brief
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PointCloud:
+class PointCloud(Table):
     """Points of one sweep, or of several sweeps in one frame.
 
     Attributes:
@@ -28,6 +28,8 @@ class PointCloud:
             the driver does not report it.
     """
 
+    ROWS: ClassVar = {"xyz": (3,)}
+
     stamp_ns: int
     frame_id: str
     xyz: F32
@@ -41,20 +43,9 @@ class PointCloud:
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        n = len(self.xyz)
-        check_array("xyz", self.xyz, (n, 3), np.float32)
-        check_array("intensity", self.intensity, (n,), np.float32)
-        check_array("ring", self.ring, (n,), np.uint16)
-        check_array("time_offset_ns", self.time_offset_ns, (n,), np.int32)
+        self.check_rows()
         if self.return_type is not None:
-            check_array("return_type", self.return_type, (n,), np.uint8)
-
-    def __len__(self) -> int:
-        return len(self.xyz)
-
-    def select(self, rows: Rows) -> "PointCloud":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
+            check_array("return_type", self.return_type, (len(self),), np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

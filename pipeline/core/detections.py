@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, F64, I32, I64, U8, Rows, check_array, join_rows, select_rows
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, U8, CheckedTable, Table, check_array, join_rows
 from lidcam.pipeline.core.text import brief
 from lidcam.pipeline.core.tracks import Tracks
 
@@ -37,7 +37,7 @@ def source_names(sources: U8) -> list[str]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Boxes2D:
+class Boxes2D(CheckedTable):
     """2D boxes in one image.
 
     Attributes:
@@ -48,6 +48,8 @@ class Boxes2D:
         class_ids: (N,) int32, row of the configured classes.
     """
 
+    ROWS: ClassVar = {"xyxy": (4,)}
+
     stamp_ns: int
     frame_id: str
     xyxy: F32
@@ -56,27 +58,14 @@ class Boxes2D:
 
     __repr__ = brief
 
-    def __post_init__(self) -> None:
-        n = len(self.scores)
-        check_array("xyxy", self.xyxy, (n, 4), np.float32)
-        check_array("scores", self.scores, (n,), np.float32)
-        check_array("class_ids", self.class_ids, (n,), np.int32)
-
-    def __len__(self) -> int:
-        return len(self.scores)
-
-    def select(self, rows: Rows) -> "Boxes2D":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
-
     @classmethod
     def empty(cls, stamp_ns: int, frame_id: str) -> Self:
         """No boxes."""
-        return cls(stamp_ns, frame_id, np.zeros((0, 4), np.float32), np.zeros(0, np.float32), np.zeros(0, np.int32))
+        return cls.zeros(stamp_ns=stamp_ns, frame_id=frame_id)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Boxes3D:
+class Boxes3D(Table):
     """Oriented boxes of one frame.
 
     Attributes:
@@ -93,6 +82,8 @@ class Boxes3D:
         measured_ns: (N,) int64, when the object was where its box says: mean time of its points or images.
     """
 
+    ROWS: ClassVar = {"centers": (3,), "sizes": (3,), "covariances": (3, 3)}
+
     stamp_ns: int
     frame_id: str
     centers: F64
@@ -108,25 +99,9 @@ class Boxes3D:
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        n = len(self.scores)
-        check_array("centers", self.centers, (n, 3), np.float64)
-        check_array("sizes", self.sizes, (n, 3), np.float64)
-        check_array("yaws", self.yaws, (n,), np.float64)
-        check_array("scores", self.scores, (n,), np.float32)
-        check_array("class_ids", self.class_ids, (n,), np.int32)
-        check_array("point_counts", self.point_counts, (n,), np.int32)
-        check_array("covariances", self.covariances, (n, 3, 3), np.float64)
-        check_array("sources", self.sources, (n,), np.uint8)
-        check_array("measured_ns", self.measured_ns, (n,), np.int64)
-        if n and not ((self.yaws > -np.pi) & (self.yaws <= np.pi)).all():
+        self.check_rows()
+        if len(self) and not ((self.yaws > -np.pi) & (self.yaws <= np.pi)).all():
             raise ValueError("yaws: expected radians in (-pi, pi]")
-
-    def __len__(self) -> int:
-        return len(self.scores)
-
-    def select(self, rows: Rows) -> "Boxes3D":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
 
     def joined(self, *others: "Boxes3D") -> "Boxes3D":
         """These boxes and then the others, which are of the same moment and frame.
@@ -145,19 +120,7 @@ class Boxes3D:
     @classmethod
     def empty(cls, stamp_ns: int, frame_id: str) -> Self:
         """No boxes."""
-        return cls(
-            stamp_ns,
-            frame_id,
-            centers=np.zeros((0, 3)),
-            sizes=np.zeros((0, 3)),
-            yaws=np.zeros(0),
-            scores=np.zeros(0, np.float32),
-            class_ids=np.zeros(0, np.int32),
-            point_counts=np.zeros(0, np.int32),
-            covariances=np.zeros((0, 3, 3)),
-            sources=np.zeros(0, np.uint8),
-            measured_ns=np.zeros(0, np.int64),
-        )
+        return cls.zeros(stamp_ns=stamp_ns, frame_id=frame_id)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,20 +1,22 @@
 """Tracks of the objects of one frame: identity, motion and existence."""
 
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Bools, Table, check_array
+from lidcam.pipeline.core.arrays import F64, I64, Bools, CheckedTable
 from lidcam.pipeline.core.text import brief
 
 NO_TRACK = 0
-"""Track number of an object that belongs to no track."""
+"""Track number of an object that belongs to no track; `Tracks.none` makes zeros."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tracks(Table):
+class Tracks(CheckedTable):
     """The tracks of N objects of one frame, in the objects' order."""
+
+    ROWS: ClassVar = {"velocities": (2,), "velocity_covariances": (2, 2)}
 
     ids: I64  # (N,) int64, number of the track from 1, the same in all frames; `NO_TRACK` for an object without one
     velocities: F64  # (N, 2) float64, over the ground, along x and y of the site frame as it stands in this frame, m/s
@@ -27,17 +29,6 @@ class Tracks(Table):
 
     __repr__ = brief
 
-    def __post_init__(self) -> None:
-        n = len(self.ids)
-        check_array("ids", self.ids, (n,), np.int64)
-        check_array("velocities", self.velocities, (n, 2), np.float64)
-        check_array("velocity_covariances", self.velocity_covariances, (n, 2, 2), np.float64)
-        check_array("yaw_rates", self.yaw_rates, (n,), np.float64)
-        check_array("yaw_rate_variances", self.yaw_rate_variances, (n,), np.float64)
-        check_array("existence", self.existence, (n,), np.float64)
-        check_array("ages_s", self.ages_s, (n,), np.float64)
-        check_array("fronts_known", self.fronts_known, (n,), np.bool_)
-
     @property
     def speeds(self) -> F64:
         """(N,) over the ground, m/s."""
@@ -46,13 +37,4 @@ class Tracks(Table):
     @classmethod
     def none(cls, count: int) -> Self:
         """Objects that belong to no track: nothing is known of their motion."""
-        return cls(
-            ids=np.full(count, NO_TRACK, np.int64),
-            velocities=np.zeros((count, 2)),
-            velocity_covariances=np.zeros((count, 2, 2)),
-            yaw_rates=np.zeros(count),
-            yaw_rate_variances=np.zeros(count),
-            existence=np.zeros(count),
-            ages_s=np.zeros(count),
-            fronts_known=np.zeros(count, np.bool_),
-        )
+        return cls.zeros(count)

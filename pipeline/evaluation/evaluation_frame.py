@@ -2,15 +2,12 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, Self, TypeAlias, Union
+from typing import ClassVar, Protocol, Self, TypeAlias, Union
 
 import numpy as np
-import numpy.typing as npt
 
-from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools, Rows, Table, check_array, select_rows
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools, CheckedTable, Names, Table
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
-
-Names = npt.NDArray[np.str_]
 
 UNKNOWN = -1
 """Stands for a class, an id or a count that is not known."""
@@ -26,8 +23,10 @@ Figures: TypeAlias = Mapping[str, Union["Figures", Sequence["Figures"], Figure]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TruthBoxes3D:
+class TruthBoxes3D(CheckedTable):
     """True objects at one moment."""
+
+    ROWS: ClassVar = {"centers": (3,), "sizes": (3,)}
 
     stamp_ns: int  # The moment
     frame_id: str  # Frame of `centers`
@@ -42,25 +41,12 @@ class TruthBoxes3D:
     image_pixels: I32  # (N,) int32, pixels that show it, in all images; `UNKNOWN` if the truth does not say
     is_ignored: Bools  # (N,) bool, neither a miss nor an error, whatever the results say about it
 
-    def __post_init__(self) -> None:
-        n = len(self.yaws)
-        check_array("centers", self.centers, (n, 3), np.float64)
-        check_array("sizes", self.sizes, (n, 3), np.float64)
-        check_array("yaws", self.yaws, (n,), np.float64)
-        check_array("lidar_points", self.lidar_points, (n,), np.int32)
-        _check_common(self, n)
-
-    def __len__(self) -> int:
-        return len(self.yaws)
-
-    def select(self, rows: Rows) -> "TruthBoxes3D":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TruthBoxes2D:
+class TruthBoxes2D(CheckedTable):
     """True objects in one image."""
+
+    ROWS: ClassVar = {"xyxy": (4,)}
 
     stamp_ns: int  # Time of the image
     xyxy: F32  # (N, 4) float32, left, top, right, bottom of what the image shows of each object, pixels
@@ -70,41 +56,16 @@ class TruthBoxes2D:
     image_pixels: I32  # (N,) int32, pixels of this image that show it; `UNKNOWN` if the truth does not say
     is_ignored: Bools  # (N,) bool, neither a miss nor an error; regions that nobody labelled are such rows, too
 
-    def __post_init__(self) -> None:
-        n = len(self.xyxy)
-        check_array("xyxy", self.xyxy, (n, 4), np.float32)
-        _check_common(self, n)
-
-    def __len__(self) -> int:
-        return len(self.xyxy)
-
-    def select(self, rows: Rows) -> "TruthBoxes2D":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
-
-
-def _check_common(boxes: TruthBoxes3D | TruthBoxes2D, n: int) -> None:
-    labels = boxes.labels
-    check_array("labels", labels, (n,), labels.dtype if labels.dtype.kind == "U" else np.str_)
-    check_array("class_ids", boxes.class_ids, (n,), np.int32)
-    check_array("track_ids", boxes.track_ids, (n,), np.int64)
-    check_array("image_pixels", boxes.image_pixels, (n,), np.int32)
-    check_array("is_ignored", boxes.is_ignored, (n,), np.bool_)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion(Table):
+class Motion(CheckedTable):
     """Motion of N tracked objects."""
+
+    ROWS: ClassVar = {"velocities": (2,)}
 
     velocities: F64  # (N, 2) float64, over the ground, along x and y of the site frame, m/s; NaN where it is not known
     yaw_rates: F64  # (N,) float64, over the ground, rad/s, counter-clockwise; NaN where it is not known
     is_predicted: Bools  # (N,) bool, whether nothing of the object was seen in this frame
-
-    def __post_init__(self) -> None:
-        n = len(self.velocities)
-        check_array("velocities", self.velocities, (n, 2), np.float64)
-        check_array("yaw_rates", self.yaw_rates, (n,), np.float64)
-        check_array("is_predicted", self.is_predicted, (n,), np.bool_)
 
     @classmethod
     def unknown(cls, count: int) -> Self:
@@ -121,10 +82,9 @@ class SourceBoxes(Table):
     motion: Motion | None = None  # Their motion; None if the source says nothing of it
 
     def __post_init__(self) -> None:
-        n = len(self.boxes)
-        check_array("track_ids", self.track_ids, (n,), np.int64)
-        if self.motion is not None and len(self.motion) != n:
-            raise ValueError(f"motion: expected that of {n} objects, got {len(self.motion)}")
+        self.check_rows()
+        if self.motion is not None and len(self.motion) != len(self):
+            raise ValueError(f"motion: expected that of {len(self)} objects, got {len(self.motion)}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

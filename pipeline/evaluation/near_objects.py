@@ -88,9 +88,8 @@ def pairs_near(found: FoundObjects, truth: TrueObjects, scales: F64) -> Candidat
     near = np.flatnonzero(touching | (distances_m < limits_m))
     rows, columns, touching = rows[near], columns[near], touching[near]
     bev, volume = np.zeros(len(rows)), np.zeros(len(rows))
-    bev[touching], volume[touching] = pair_ious(
-        _boxes(found.boxes, rows[touching]), _boxes(truth.boxes, columns[touching])
-    )
+    both = BoxArrays.of(found.boxes, rows[touching]), BoxArrays.of(truth.boxes, columns[touching])
+    bev[touching], volume[touching] = pair_ious(*both)
     return Candidates(columns, rows, bev, volume, distances_m[near])
 
 
@@ -100,7 +99,3 @@ def _frames(counts: Sequence[int], first_frame: int) -> I32:
 
 def _half_diagonals(boxes: OrientedBoxes) -> F64:
     return np.hypot(boxes.sizes[:, 0], boxes.sizes[:, 1]) / 2
-
-
-def _boxes(boxes: OrientedBoxes, rows: Indices) -> BoxArrays:
-    return BoxArrays(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows])

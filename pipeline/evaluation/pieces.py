@@ -1,11 +1,10 @@
 """Tables that grow frame by frame."""
 
-from dataclasses import fields
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_args
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import join_rows
+from lidcam.pipeline.core.arrays import columns, join_rows
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -21,14 +20,12 @@ class Pieces(Generic[Table]):
 
     Args:
         kind: The table; a dataclass of parallel arrays.
-        **shapes: Shape of one row, by name of a column; other columns have one number in a row.
+        **shapes: Shape of one row, by name of a column, where `kind` does not declare it (`Table.ROWS`).
     """
 
     def __init__(self, kind: type[Table], **shapes: tuple[int, ...]) -> None:
-        columns = {
-            column.name: np.zeros((0, *shapes.get(column.name, ())), _dtype(column.type)) for column in fields(kind)
-        }
-        self._blocks, self._loose = [kind(**columns)], list[Table]()
+        arrays = {one.name: np.zeros((0, *shapes.get(one.name, one.shape)), one.dtype) for one in columns(kind)}
+        self._blocks, self._loose = [kind(**arrays)], list[Table]()
 
     def append(self, piece: Table) -> None:
         """Add the rows of `piece` at the end."""
@@ -43,8 +40,3 @@ class Pieces(Generic[Table]):
             self._blocks = [join_rows(*self._blocks, *self._loose)]
             self._loose.clear()
         return self._blocks[0]
-
-
-def _dtype(array_type: Any) -> Any:
-    """The dtype of an annotation such as `F64`."""
-    return get_args(get_args(array_type)[1])[0]

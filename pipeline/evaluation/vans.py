@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import I32, Bools, Indices
+from lidcam.pipeline.core.arrays import I32, Bools, Indices, Names
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.evaluation.evaluation_frame import Names
 
 VAN = "van"
 """The truth's own name of such an object."""

@@ -190,9 +190,7 @@ def _first_hand(infos: Sequence[TopicInfo], notes: list[str]) -> list[TopicInfo]
     """
 
     def hand(info: TopicInfo) -> int:
-        if info.topic in MADE_OF_OTHERS:
-            return 2
-        return 1 if info.part_of else 0
+        return 2 if info.topic in MADE_OF_OTHERS else 1 if info.part_of else 0
 
     best = min(map(hand, infos), default=0)
     notes += [f"{info.topic}: made of the others, not used" for info in infos if hand(info) > best]

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, I64, Rows
+from lidcam.pipeline.core.arrays import F64, I32, I64, Names, Rows
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, IMAGE_PIXELS, LIDAR_POINTS
-from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Names, TruthBoxes2D, TruthBoxes3D
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 from lidcam.readers.messages.vision.detections3d import Detections3D
 from lidcam.readers.messages.vision.track_ids import track_ids
 

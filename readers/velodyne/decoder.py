@@ -93,13 +93,9 @@ class VelodyneDecoder:
         drops = [_drop(message, "packets that cannot be decoded", fault, 1) for fault in message.defects]
         recorded = len(packets)
         if not recorded:
-            nothing = PointCloud(
+            nothing = PointCloud.zeros(
                 stamp_ns=message.stamp_ns,
                 frame_id=packets.frame_id,
-                xyz=np.zeros((0, 3), np.float32),
-                intensity=np.zeros(0, np.float32),
-                ring=np.zeros(0, np.uint16),
-                time_offset_ns=np.zeros(0, np.int32),
                 has_time=True,
                 return_type=np.zeros(0, np.uint8),
             )

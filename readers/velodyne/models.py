@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, U16, check_array
+from lidcam.pipeline.core.arrays import F64, U16, CheckedTable
 
 BLOCK_FLAGS = (0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF)
 """First two bytes (little endian) of a block, by bank of lasers."""
@@ -39,21 +39,13 @@ class RangeCorrections(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LaserTable:
+class LaserTable(CheckedTable):
     """Directions of the lasers of one unit, by laser id."""
 
     elevation_rad: F64  # (L,) above the horizon
     azimuth_offset_rad: F64  # (L,) subtracted from the azimuth of the firing
     vertical_offset_m: F64  # (L,) added to z: the beams cross in front of the axis, not on it
     corrections: RangeCorrections | None = None  # Corrections of ranges; None for all but the HDL-64E
-
-    def __post_init__(self) -> None:
-        shape = (len(self.elevation_rad),)
-        for name in ("elevation_rad", "azimuth_offset_rad", "vertical_offset_m"):
-            check_array(name, getattr(self, name), shape, np.float64)
-
-    def __len__(self) -> int:
-        return len(self.elevation_rad)
 
     @property
     def rings(self) -> U16:

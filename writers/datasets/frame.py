@@ -4,13 +4,12 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from lidcam.pipeline.core.arrays import F32, F64, I32, I64, U8, Table, check_array
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, U8, CheckedTable, Names
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import OutputError
@@ -20,10 +19,12 @@ JPEG_QUALITY = 95
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DatasetBoxes(Table):
+class DatasetBoxes(CheckedTable):
     """N boxes of a frame in the site frame."""
 
-    names: npt.NDArray[np.str_]  # (N,) str, in a writer's own words, or those of the settings
+    ROWS: ClassVar = {"centers": (3,), "sizes": (3,), "velocities": (2,)}
+
+    names: Names  # (N,) str, in a writer's own words, or those of the settings
     centers: F64  # (N, 3) float64, box centre x, y, z in metres
     sizes: F64  # (N, 3) float64, length, width, height in metres
     yaws: F64  # (N,) float64, radians about +z in (-pi, pi]
@@ -31,16 +32,6 @@ class DatasetBoxes(Table):
     tracks: I64  # (N,) int64, the same for the same object in all frames; -1 where there is none
     velocities: F64  # (N, 2) float64, over the ground, along x and y, m/s; NaN where it is not known
     point_counts: I32  # (N,) int32, lidar points in the box; -1 where nobody counted
-
-    def __post_init__(self) -> None:
-        n = len(self.names)
-        check_array("centers", self.centers, (n, 3), np.float64)
-        check_array("sizes", self.sizes, (n, 3), np.float64)
-        check_array("yaws", self.yaws, (n,), np.float64)
-        check_array("scores", self.scores, (n,), np.float32)
-        check_array("tracks", self.tracks, (n,), np.int64)
-        check_array("velocities", self.velocities, (n, 2), np.float64)
-        check_array("point_counts", self.point_counts, (n,), np.int32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Self, overload
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, F64, I32, I64, U8, Array, Bools, Rows, check_array, join_rows, select_rows
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, U8, Array, Bools, CheckedTable, Rows, join_rows
 from lidcam.pipeline.core.detections import source_names
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
@@ -18,7 +18,7 @@ from lidcam.writers.tables.files import column_metadata, save_csv, save_parquet
 from lidcam.writers.tables.html import as_html, as_text
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from rich.table import Table as RichTable
 
 MAX_SHOWN = 10
 """Rows that the text form shows."""
@@ -26,32 +26,9 @@ MAX_SHOWN = 10
 SHOWN_COLUMNS = ("frame", "track", "class", "zone", "x_m", "y_m", "yaw_rad", "speed_m_s", "score")
 """Columns that it shows: what fits a terminal of 80 columns."""
 
-ARRAYS: dict[str, tuple[tuple[int, ...], type[np.generic]]] = {
-    "frames": ((), np.int64),
-    "stamps_ns": ((), np.int64),
-    "class_ids": ((), np.int32),
-    "zones": ((), np.int64),
-    "scores": ((), np.float32),
-    "centers": ((3,), np.float64),
-    "sizes": ((3,), np.float64),
-    "yaws": ((), np.float64),
-    "point_counts": ((), np.int32),
-    "matched": ((), np.int32),
-    "covariances": ((3, 3), np.float64),
-    "sources": ((), np.uint8),
-    "measured_ns": ((), np.int64),
-    "tracks": ((), np.int64),
-    "velocities": ((2,), np.float64),
-    "yaw_rates": ((), np.float64),
-    "existence": ((), np.float64),
-    "ages_s": ((), np.float64),
-    "fronts_known": ((), np.bool_),
-}
-"""Shape of a row, and dtype, of the arrays of `Objects`."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Objects:
+class Objects(CheckedTable):
     """N fused objects, one row per object and frame, in the order of the frames.
 
     `objects[3]`, and each of a loop, is one of them by the names of `columns`; `objects[10:20]`,
@@ -85,6 +62,8 @@ class Objects:
         fronts_known: (N,) bool, whether its motion has shown which end is its front.
     """
 
+    ROWS: ClassVar = {"centers": (3,), "sizes": (3,), "covariances": (3, 3), "velocities": (2,)}
+
     frame_id: str
     class_names: tuple[str, ...]
     zone_names: tuple[str, ...]
@@ -108,15 +87,10 @@ class Objects:
     ages_s: F64
     fronts_known: Bools
 
-    def __post_init__(self) -> None:
-        for name, (shape, dtype) in ARRAYS.items():
-            check_array(name, getattr(self, name), (len(self.scores), *shape), dtype)
-
     @classmethod
     def empty(cls, rig: Rig, class_names: tuple[str, ...]) -> Self:
         """No objects."""
-        arrays = {name: np.zeros((0, *shape), dtype) for name, (shape, dtype) in ARRAYS.items()}
-        return cls(rig.site_frame, class_names, rig.place_names, **arrays)
+        return cls.zeros(frame_id=rig.site_frame, class_names=class_names, zone_names=rig.place_names)
 
     @classmethod
     def of_frame(cls, result: FrameResult, rig: Rig, class_names: tuple[str, ...]) -> Self:
@@ -148,13 +122,6 @@ class Objects:
             ages_s=tracks.ages_s + unknown,
             fronts_known=tracks.fronts_known,
         )
-
-    def __len__(self) -> int:
-        return len(self.scores)
-
-    def select(self, rows: Rows) -> "Objects":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
 
     @overload
     def __getitem__(self, rows: int | np.integer[Any]) -> dict[str, Any]: ...
@@ -272,14 +239,14 @@ class Objects:
         """For notebooks: the same rows with all columns."""
         return as_html(*self._shown(tuple(self.columns)))
 
-    def _shown(self, names: tuple[str, ...]) -> "list[str | Table]":
+    def _shown(self, names: tuple[str, ...]) -> "list[str | RichTable]":
         """The first rows of some columns, as a table between lines."""
-        from rich.table import Table
+        from rich.table import Table as RichTable
 
         head = f"{len(self)} objects, site frame {self.frame_id!r}"
         if not len(self):
             return [head]
-        table = Table(box=None, pad_edge=False)
+        table = RichTable(box=None, pad_edge=False)
         for name in names:
             table.add_column(name, justify="right", no_wrap=True)
         columns = self.select(np.arange(min(len(self), MAX_SHOWN))).columns

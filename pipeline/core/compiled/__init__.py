@@ -10,7 +10,6 @@ that every machine makes the same bytes:
 - Their files are imported where a stage is built, never for `--help`: numba takes half a second to import.
 """
 
-from lidcam.pipeline.core.compiled.beside import compiled_beside
 from lidcam.pipeline.core.compiled.functions import compiled, inlined
 
-__all__ = ["compiled", "compiled_beside", "inlined"]
+__all__ = ["compiled", "inlined"]

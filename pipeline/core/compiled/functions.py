@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 from lidcam.pipeline.core.compile_log import compile_log
-from lidcam.pipeline.core.compiled.beside import kernel_sources, one_compiled
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.text import one_line
 
@@ -30,6 +29,9 @@ except Exception as err:
         raise
     told = f"{SETTINGS_OF_NUMBA.absolute()}: expected settings of numba, found {one_line(err)}; mend or remove it"
     raise ConfigError(told) from err
+
+_ROOT = Path(__file__).parents[4]
+_IMPORT = "from lidcam.pipeline.core.compiled import "
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -53,10 +55,15 @@ def compiled(signature: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     def making(function: Callable[P, R]) -> Callable[P, R]:
         made = _compiled(function, signature)
         if getattr(made, "stats", None) and not made.stats.cache_hits:
-            one_compiled(cache_folder())
+            _say_so_once()
         return cast("Callable[P, R]", made)
 
     return making
+
+
+@cache
+def _say_so_once() -> None:
+    compile_log.info("compiling for this processor, once: up to a minute")
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
@@ -76,6 +83,12 @@ def _compiled(function: Callable[..., Any], signature: str) -> Any:
             for path in folder.iterdir():
                 shutil.rmtree(path, ignore_errors=True)
     return numba.njit(signature, **OPTIONS)(function)
+
+
+def kernel_sources() -> list[tuple[Path, str]]:
+    """The files with compiled functions, and their texts, sorted by path."""
+    texts = ((path, path.read_text(encoding="utf-8")) for path in sorted((_ROOT / "lidcam" / "pipeline").rglob("*.py")))
+    return [(path, text) for path, text in texts if f"\n{_IMPORT}" in text]
 
 
 @contextmanager

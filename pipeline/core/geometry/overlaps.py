@@ -13,9 +13,6 @@ OVERLAP_SHARE = 0.25
 BLOCK_BOXES = 256
 """Boxes whose neighbours are sought at once: a cloud may hold many small clusters."""
 
-BLOCK_PAIRS = 1 << 14
-"""Pairs compared at once."""
-
 
 def without_overlaps(boxes: OrientedBoxes, groups: Indices | None = None) -> Indices:
     """Rows of the boxes that share little ground with any box kept before them.
@@ -65,16 +62,9 @@ def _rivals(boxes: OrientedBoxes) -> Iterator[tuple[Indices, Indices]]:
         gap = places[first] - places[second]
         is_near = np.hypot(gap[:, 0], gap[:, 1]) <= reach_m[first] + reach_m[second]
         first, second = first[is_near], second[is_near]
-        shared_m2 = np.empty(len(first))
-        for begin in range(0, len(first), BLOCK_PAIRS):
-            pairs = slice(begin, begin + BLOCK_PAIRS)
-            shared_m2[pairs] = shared_ground(_select(boxes, first[pairs]), _select(boxes, second[pairs]))
+        shared_m2 = shared_ground(BoxArrays.of(boxes, first), BoxArrays.of(boxes, second))
         is_rival = shared_m2 > OVERLAP_SHARE * np.minimum(ground_m2[first], ground_m2[second])
         yield first[is_rival], second[is_rival]
-
-
-def _select(boxes: OrientedBoxes, rows: Indices) -> BoxArrays:
-    return BoxArrays(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows])
 
 
 def _by_row(first: Indices, second: Indices) -> Iterator[tuple[int, Indices]]:

@@ -1,10 +1,11 @@
 """Poses of a moving frame: as recorded, and as the clouds say."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, check_array
+from lidcam.pipeline.core.arrays import F64, I64, CheckedTable, check_array
 
 MAX_EXTRAPOLATION_NS = 200_000_000
 """Longest time before the first or after the last known pose in which the motion counts as known."""
@@ -14,21 +15,15 @@ MAX_GAP_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PoseSamples:
+class PoseSamples(CheckedTable):
     """Poses of a moving frame around one moment, for motion compensation."""
+
+    ROWS: ClassVar = {"T_fixed_moving": (4, 4)}
 
     frame_id: str  # The frame that moves (the site or vehicle frame)
     fixed_frame_id: str  # The frame in which it moves (`odom`, `map`)
     stamps_ns: I64  # (S,) int64, strictly increasing
     T_fixed_moving: F64  # (S, 4, 4) float64, pose of the moving frame at each stamp
-
-    def __post_init__(self) -> None:
-        n = len(self.stamps_ns)
-        check_array("stamps_ns", self.stamps_ns, (n,), np.int64)
-        check_array("T_fixed_moving", self.T_fixed_moving, (n, 4, 4), np.float64)
-
-    def __len__(self) -> int:
-        return len(self.stamps_ns)
 
     def covers(self, *times_ns: int) -> bool:
         """Whether the motion is known from the earliest to the latest of these times.

@@ -1,11 +1,11 @@
 """Boxes of any orientation in any frame, as upright boxes of the site."""
 
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, Rows, check_array, select_rows
+from lidcam.pipeline.core.arrays import F64, CheckedTable
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 
 _FROM_Z = np.array([2, 1, 0])
@@ -25,8 +25,10 @@ MAX_VARIANCE = 1e12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PosedBoxes:
+class PosedBoxes(CheckedTable):
     """Boxes of any orientation."""
+
+    ROWS: ClassVar = {"centers": (3,), "rotations": (3, 3), "sizes": (3,), "covariances": (6, 6)}
 
     centers: F64  # (N, 3) float64, metres in some frame
     rotations: F64  # (N, 3, 3) float64, R_frame_box: its columns are the axes of the box in that frame
@@ -34,20 +36,6 @@ class PosedBoxes:
     # (N, 6, 6) float64 over the position (m^2) and small rotations about the axes of that frame (rad^2), as in
     # geometry_msgs/PoseWithCovariance; what is not known is zero or not finite
     covariances: F64
-
-    def __post_init__(self) -> None:
-        n = len(self.centers)
-        check_array("centers", self.centers, (n, 3), np.float64)
-        check_array("rotations", self.rotations, (n, 3, 3), np.float64)
-        check_array("sizes", self.sizes, (n, 3), np.float64)
-        check_array("covariances", self.covariances, (n, 6, 6), np.float64)
-
-    def __len__(self) -> int:
-        return len(self.centers)
-
-    def select(self, rows: Rows) -> Self:
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
 
 
 class UprightBoxes(NamedTuple):

@@ -4,7 +4,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.arrays import F64, Indices
 
 BLOCK = 1 << 12
 """Pairs that are compared at once: memory is bounded."""
@@ -42,6 +42,11 @@ class BoxArrays(NamedTuple):
     sizes: F64
     yaws: F64
 
+    @classmethod
+    def of(cls, boxes: OrientedBoxes, rows: Indices | slice) -> "BoxArrays":
+        """These rows of boxes."""
+        return cls(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows])
+
 
 class Ious(NamedTuple):
     """Intersection over union in [0, 1], of pairs (P,) or of each box with each (N, M)."""
@@ -60,10 +65,7 @@ def ious(first: OrientedBoxes, second: OrientedBoxes) -> Ious:
         gap_m = first.centers[:, None, :2] - second.centers[None, :, :2]
         is_near = np.hypot(gap_m[..., 0], gap_m[..., 1]) <= reach_m[0][:, None] + reach_m[1]
     rows, columns = np.nonzero(is_near)
-    near = pair_ious(
-        BoxArrays(first.centers[rows], first.sizes[rows], first.yaws[rows]),
-        BoxArrays(second.centers[columns], second.sizes[columns], second.yaws[columns]),
-    )
+    near = pair_ious(BoxArrays.of(first, rows), BoxArrays.of(second, columns))
     found = Ious(np.zeros(is_near.shape), np.zeros(is_near.shape))
     found.bev[rows, columns], found.volume[rows, columns] = near
     return found
@@ -97,12 +99,8 @@ def shared_ground(first: OrientedBoxes, second: OrientedBoxes) -> F64:
     with np.errstate(invalid="ignore", over="ignore"):
         for start in range(0, len(shared_m2), BLOCK):
             rows = slice(start, start + BLOCK)
-            shared_m2[rows] = _shared_ground(*(_arrays(boxes, rows) for boxes in (first, second)))
+            shared_m2[rows] = _shared_ground(BoxArrays.of(first, rows), BoxArrays.of(second, rows))
     return shared_m2
-
-
-def _arrays(boxes: OrientedBoxes, rows: slice) -> BoxArrays:
-    return BoxArrays(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows])
 
 
 def _shared_ground(first: BoxArrays, second: BoxArrays) -> F64:

@@ -15,11 +15,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, Bools, Rows, check_array, select_rows
+from lidcam.pipeline.core.arrays import F64, Bools, CheckedTable
 from lidcam.pipeline.core.camera import EDGE_SHARES, NEAR_M, CameraModel
 from lidcam.pipeline.core.compiled import compiled, inlined
 from lidcam.pipeline.core.geometry.box_edges import edges_ahead
@@ -125,20 +125,15 @@ def slopes_of(
 
 
 @dataclass(frozen=True, eq=False)
-class Lenses:
+class Lenses(CheckedTable):
     """Intrinsics of P cameras, row by row."""
+
+    ROWS: ClassVar = {"K": (3, 3), "coefficients": (8,)}
 
     K: F64  # (P, 3, 3) float64 camera matrices, pixels
     coefficients: F64  # (P, 8) float64 distortion, in the order of its model; missing ones are zero
     equidistant: Bools  # (P,) whether the model is `equidistant`; the others are cases of `rational_polynomial`
     radius_limits: F64  # (P,) float64 `CameraModel.radius_limit`
-
-    def __post_init__(self) -> None:
-        n = len(self.K)
-        check_array("K", self.K, (n, 3, 3), np.float64)
-        check_array("coefficients", self.coefficients, (n, 8), np.float64)
-        check_array("equidistant", self.equidistant, (n,), np.bool_)
-        check_array("radius_limits", self.radius_limits, (n,), np.float64)
 
     @classmethod
     def of(cls, models: Sequence[CameraModel]) -> Self:
@@ -150,10 +145,6 @@ class Lenses:
             np.array([model.model == "equidistant" for model in models], np.bool_),
             np.array([model.radius_limit for model in models], np.float64),
         )
-
-    def select(self, rows: Rows) -> "Lenses":
-        """The given rows (mask or indices), in that order."""
-        return select_rows(self, rows)
 
     @cached_property
     def bent(self) -> Bools:

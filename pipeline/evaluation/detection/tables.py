@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices, Table
-from lidcam.pipeline.evaluation.evaluation_frame import Names
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices, Names, Table
 
 FALSE = -1
 """Stands for the row of a true object where the detection shows none."""

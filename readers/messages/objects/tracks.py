@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import Bools, check_array
+from lidcam.pipeline.core.arrays import Bools, CheckedTable
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
@@ -29,7 +29,7 @@ _X_Y_YAW_RATE = np.array([0, 1, 5])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FoundTracks:
+class FoundTracks(CheckedTable):
     """The tracks of one message, in recorded order."""
 
     stamp_ns: int  # Stamp of the message
@@ -37,12 +37,6 @@ class FoundTracks:
     tracks: Tracks  # N tracks, each number once
     is_predicted: Bools  # (N,) bool, whether nothing of the object was seen in the frame
     unused: Mapping[str, int]  # Number of other tracks by reason, sorted by reason
-
-    def __post_init__(self) -> None:
-        check_array("is_predicted", self.is_predicted, (len(self.tracks),), np.bool_)
-
-    def __len__(self) -> int:
-        return len(self.tracks)
 
 
 @decoder

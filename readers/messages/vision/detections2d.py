@@ -16,11 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, F64, Bools
+from lidcam.pipeline.core.arrays import F32, F64, Bools, Names
 from lidcam.pipeline.core.detections import Boxes2D
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
-from lidcam.pipeline.evaluation.evaluation_frame import Names
 from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.tf import clean_frame
 from lidcam.readers.messages.vision.hypotheses import best_and_counts, box_rows

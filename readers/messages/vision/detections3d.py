@@ -13,14 +13,13 @@ The layout changed several times; the recorded definition says which one a messa
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, F64, check_array
+from lidcam.pipeline.core.arrays import F32, F64, Names, Table, check_array
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
-from lidcam.pipeline.evaluation.evaluation_frame import Names
 from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.objects.found import FoundObjects, ObjectClasses, found_objects
 from lidcam.readers.messages.tf import clean_frame
@@ -39,8 +38,10 @@ _X_Y_YAW = np.array([0, 1, 5])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Detections3D:
+class Detections3D(Table):
     """The boxes of one message, in recorded order."""
+
+    ROWS: ClassVar = {"centers": (3,), "sizes": (3,), "covariances": (3, 3)}
 
     stamp_ns: int  # Stamp of the message
     frame_id: str  # Frame of `centers`
@@ -56,19 +57,9 @@ class Detections3D:
     unused: Mapping[str, int]  # Number of other boxes by reason, sorted by reason
 
     def __post_init__(self) -> None:
-        n = len(self.yaws)
-        check_array("centers", self.centers, (n, 3), np.float64)
-        check_array("sizes", self.sizes, (n, 3), np.float64)
-        check_array("yaws", self.yaws, (n,), np.float64)
-        check_array("covariances", self.covariances, (n, 3, 3), np.float64)
-        check_array("scores", self.scores, (n,), np.float32)
-        check_array("labels", self.labels, (n,), self.labels.dtype if self.labels.dtype.kind == "U" else np.str_)
-        check_array("ids", self.ids, (n,), self.ids.dtype if self.ids.dtype.kind == "U" else np.str_)
+        self.check_rows()
         for name, values in self.counts.items():
-            check_array(name, values, (n,), np.float64)
-
-    def __len__(self) -> int:
-        return len(self.yaws)
+            check_array(name, values, (len(self),), np.float64)
 
 
 @decoder

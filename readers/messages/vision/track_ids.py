@@ -5,8 +5,8 @@ from hashlib import blake2b
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import I64
-from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Names
+from lidcam.pipeline.core.arrays import I64, Names
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
 
 _MAX_DIGITS = 18
 _OF_NAMES = 1 << 62

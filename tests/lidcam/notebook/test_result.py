@@ -12,8 +12,8 @@ from helpers import CLUSTERS
 
 import lidcam
 from lidcam.notebook import loaded
+from lidcam.pipeline.core.arrays import columns
 from lidcam.writers.palette import class_color
-from lidcam.writers.tables.objects import ARRAYS
 
 BAGS = Path(__file__).resolve().parents[3] / "bags"
 CROSSING = BAGS / "crossing.mcap"
@@ -39,7 +39,7 @@ def of_result(summary: Any) -> dict[str, Any]:
 def test_a_run_is_read_back_from_its_result(run: lidcam.RunResult) -> None:
     back = lidcam.load(run.summary.outputs[0])
     assert len(back.objects) > 20
-    for name in ARRAYS:
+    for name, *_ in columns(lidcam.Objects):
         np.testing.assert_allclose(getattr(back.objects, name), getattr(run.objects, name), rtol=1e-12, err_msg=name)
     assert (back.objects.frame_id, back.objects.class_names) == (run.objects.frame_id, run.objects.class_names)
     assert of_result(back.summary) == of_result(run.summary)

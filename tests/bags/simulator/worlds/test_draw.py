@@ -3,8 +3,7 @@ import pytest
 
 from lidcam.bags.simulator.recorder.stage import Stage
 from lidcam.bags.simulator.scenario.scenario import Scenario
-from lidcam.bags.simulator.worlds.draw import FAMILIES, Family, random_scenario
-from lidcam.bags.simulator.worlds.layouts import LAYOUTS
+from lidcam.bags.simulator.worlds.draw import FAMILIES, LAYOUTS, Family, random_scenario
 
 
 def layout_of(scenario: Scenario) -> str:

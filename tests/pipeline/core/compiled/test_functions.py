@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidcam.pipeline.core.compiled import beside, functions
+from lidcam.pipeline.core.compiled import functions
 from lidcam.pipeline.core.compiled.functions import cache_folder
 
 KERNELS = '''
@@ -48,7 +48,7 @@ WORD = "compiling for this processor, once: up to a minute"
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An empty cache."""
     folder = tmp_path / "cache"
-    monkeypatch.setattr(beside, "_first_run", beside._FirstRun())
+    functions._say_so_once.cache_clear()
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder))
     cache_folder.cache_clear()
     yield folder
@@ -86,7 +86,7 @@ def test_made_once_and_kept(tmp_path: Path, home: Path, caplog: pytest.LogCaptur
 
 def test_a_change_of_any_kernel_file_has_a_folder_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (before := cache_folder()) is not None
-    sources = beside.kernel_sources()
+    sources = functions.kernel_sources()
     changed = [(sources[0][0], sources[0][1] + "# changed\n"), *sources[1:]]
     monkeypatch.setattr(functions, "kernel_sources", lambda: changed)
     cache_folder.cache_clear()
@@ -185,8 +185,8 @@ def test_no_product_is_fused_with_a_sum() -> None:
 
 def test_compiled_functions_use_numbers_and_functions_of_kernel_files_alone() -> None:
     """What a compiled function takes from another file would not be in the key of what is kept."""
-    texts = dict(beside.kernel_sources())
-    known = {".".join(path.relative_to(beside._ROOT).with_suffix("").parts) for path in texts}
+    texts = dict(functions.kernel_sources())
+    known = {".".join(path.relative_to(functions._ROOT).with_suffix("").parts) for path in texts}
     known |= {"lidcam.pipeline.core.arrays", "lidcam.pipeline.core.compiled"}
     assert len(known) > 5
     for path, text in texts.items():

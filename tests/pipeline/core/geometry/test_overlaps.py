@@ -32,7 +32,6 @@ def scattered(count: int, spread_m: float) -> BoxArrays:
 @pytest.mark.parametrize(("count", "spread_m"), [(0, 1), (1, 1), (2, 1), (60, 4), (60, 20), (90, 60)])
 def test_overlaps_are_those_of_all_pairs(count: int, spread_m: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(overlaps, "BLOCK_BOXES", 16)
-    monkeypatch.setattr(overlaps, "BLOCK_PAIRS", 50)
     boxes = scattered(count, spread_m)
     assert without_overlaps(boxes).tolist() == overlaps_by_pairs(boxes)
 

@@ -10,7 +10,7 @@ from mcap.records import Channel as RecordedChannel
 from mcap.records import Schema
 
 from lidcam.pipeline.core.messages import Channel
-from lidcam.readers.files.mcap.channels import channel_of
+from lidcam.readers.files.mcap.mcap_file import channel_of
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.open import open_recording
 from lidcam.readers.streams.per_sensor import sensor_messages
