@@ -122,7 +122,7 @@ def add_boxes3d(
 
 
 def add_boxes2d(
-    graph: Graph[SensorBundle], config: Config, rig: Rig, *, on_bad: OnBadMessage
+    graph: Graph[SensorBundle], config: Config, rig: Rig, combined: Node[CombinedCloud], *, on_bad: OnBadMessage
 ) -> tuple[Node[Decoded[Any]], Node[Mapping[str, Boxes2D]], frozenset[tuple[int, int]]]:
     """The decoded messages of the cameras, the 2D boxes by camera name, and `Detect2D.riders`.
 
@@ -148,8 +148,8 @@ def add_boxes2d(
 
     images = graph.add_stage("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
     detector = OnnxDetector2D(network_path(model), config.detect2d)
-    detect2d = Detect2D(rig, config.class_id_of_label, config.detect2d, detector)
-    return images, graph.add_stage("detect 2D", detect2d, images), detect2d.riders
+    detect2d = Detect2D(rig, config, detector)
+    return images, graph.add_stage("detect 2D", detect2d, images, combined), detect2d.riders
 
 
 def _wanted_boxes(config: Config, rig: Rig) -> BoxSource:

@@ -47,7 +47,7 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     clouds = graph.add_stage("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
     combined = graph.add_stage("combine", Combine(rig, config.combine), graph.frame, clouds)
     recorded3d, lidar = add_boxes3d(graph, config, rig, combined, on_bad=on_bad)
-    camera_data, boxes2d, riders = add_boxes2d(graph, config, rig, on_bad=on_bad)
+    camera_data, boxes2d, riders = add_boxes2d(graph, config, rig, combined, on_bad=on_bad)
     views = graph.add_stage("views", Views(rig, config.combine.motion), graph.frame)
     place = Place(rig, config.fuse, config.classes, ground_distance_m=config.combine.ground.distance_m)
     placed = graph.add_stage("place", place, combined, boxes2d, views)

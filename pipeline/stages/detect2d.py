@@ -8,11 +8,14 @@ import cv2
 import numpy as np
 
 from lidcam.pipeline.core.arrays import Indices
+from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes2D
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.optics.images import Image
-from lidcam.pipeline.core.rig import Rig
-from lidcam.pipeline.core.settings.detect import Detect2DConfig
+from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.far_view import FarView, far_view
+from lidcam.pipeline.detectors.onnx.tiles import Tile
 from lidcam.pipeline.detectors.protocols import Candidates2D, Detector2D
 from lidcam.pipeline.detectors.riders import PERSON, RIDDEN, finds_riders_apart, join_riders
 
@@ -26,9 +29,7 @@ NMS_IOU_ANY = 0.6
 class Detect2D:
     """Boxes of the configured classes in the images of a frame."""
 
-    def __init__(
-        self, rig: Rig, class_id_of_label: Mapping[str, int], settings: Detect2DConfig, detector: Detector2D
-    ) -> None:
+    def __init__(self, rig: Rig, config: Config, detector: Detector2D) -> None:
         """Map the detector's labels to the configured classes, ignoring case; labels of no class are ignored.
 
         Where the detector finds a rider as a person on a bicycle, as networks trained on COCO do, each such pair
@@ -37,6 +38,7 @@ class Detect2D:
         Raises:
             ConfigError: none of the detector's labels belongs to a class.
         """
+        class_id_of_label = config.class_id_of_label
         labels = [label.strip().lower() for label in detector.labels]
         self._class_ids = np.array([class_id_of_label.get(label, -1) for label in labels], np.int32)
         self._joins_riders = finds_riders_apart(labels)
@@ -47,8 +49,9 @@ class Detect2D:
                 f"classes: expected labels that the 2D detector knows ({', '.join(detector.labels[:8])}, ...), "
                 f"found {', '.join(class_id_of_label)}; add them to classes.N.labels"
             )
-        self._cameras = [camera.name for camera in rig.cameras]
-        self._settings = settings
+        self._rig, self._settings = rig, config.detect2d
+        people_m = [prior.size_m[2] for prior in config.classes if prior.is_upright]
+        self._person_m = min(people_m) if people_m and self._settings.input == "auto" else None
         self._detector = detector
 
     @property
@@ -60,17 +63,34 @@ class Detect2D:
         )
         return frozenset(product(ridden, people)) if self._joins_riders else frozenset()
 
-    def __call__(self, images: Mapping[str, Image]) -> Mapping[str, Boxes2D]:
+    def __call__(self, images: Mapping[str, Image], combined: CombinedCloud) -> Mapping[str, Boxes2D]:
         """Boxes by camera name, in the rig's order; a camera without an image in this frame has no entry.
 
-        Boxes are in pixels of the image, clipped to it, in order of falling score.
+        Boxes are in pixels of the image, clipped to it, in order of falling score. Of a large image the network sees
+        the part where people are far away once more (`far_view`).
+
+        Args:
+            images: Images by camera name.
+            combined: The cloud of the frame: its ground shows where in the image something is far away.
 
         Raises:
             ModelError: the network fails.
         """
-        names = [name for name in self._cameras if name in images]
-        found = self._detector([images[name].rgb for name in names])
-        return {name: self._boxes(images[name], proposed) for name, proposed in zip(names, found, strict=True)}
+        cameras = [camera for camera in self._rig.cameras if camera.name in images]
+        views = {camera.name: view for camera in cameras if (view := self._far_view(camera, combined))}
+        far = [view.part.cut(images[name].rgb) for name, view in views.items()]
+        found = self._detector([*(images[camera.name].rgb for camera in cameras), *far])
+        proposed = {camera.name: one for camera, one in zip(cameras, found, strict=False)}
+        for (name, view), one in zip(views.items(), found[len(cameras) :], strict=True):
+            height_px, width_px = images[name].rgb.shape[:2]
+            proposed[name] = view.join(proposed[name], one, Tile(0, 0, width_px, height_px))
+        return {name: self._boxes(images[name], one) for name, one in proposed.items()}
+
+    def _far_view(self, camera: CameraSensor, combined: CombinedCloud) -> FarView | None:
+        if self._person_m is None:
+            return None
+        level_m, max_px = self._rig.ground_height_m or 0.0, self._settings.max_input_px
+        return far_view(camera, combined, person_m=self._person_m, level_m=level_m, max_px=max_px)
 
     def _boxes(self, image: Image, proposed: Candidates2D) -> Boxes2D:
         height, width = image.rgb.shape[:2]

@@ -135,8 +135,9 @@ class Detect2DConfig(SettingsModel):
         input: Width and height of the images that the network is given, pixels. `auto`: the shape of the camera's
             own image, as large as `max_input_px` allows and never larger than the image; overlapping tiles of the
             size that the network is made for, if it takes no other.
-        max_input_px: Pixels of the images that the network is given, at most, where `input` is `auto`. The time that
-            a network takes grows with them, and so does the distance at which it finds things.
+        max_input_px: Pixels of the images that the network is given, at most, where `input` is `auto`; as many again
+            for the part of a larger image where people are too far away to be found. The time that a network takes
+            grows with them, and so does the distance at which it finds things.
         min_score: Boxes with a lower score are removed. Low, because what a 2D box is worth is decided together with
             the lidars.
         class_numbers: Meaning of a number in the place of a class name in recorded boxes: with `labels` the class that

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import U8, Bools
+from lidcam.pipeline.core.arrays import F32, U8, Bools
 from lidcam.pipeline.detectors.onnx.layouts import Size
 from lidcam.pipeline.detectors.protocols import Candidates2D
 
@@ -75,16 +75,22 @@ def join_tiles(found: Sequence[Candidates2D], tiles: Sequence[Tile], *, min_scor
         kept = candidates.scores >= min_score
         xyxy = candidates.xyxy[kept] + np.array([tile.left, tile.top, tile.left, tile.top], np.float32)
         parts.append(Candidates2D(xyxy, candidates.scores[kept], candidates.labels[kept]))
-        inner = np.array([tile.left > 0, tile.top > 0, tile.right < width, tile.bottom < height])
-        seam_px = SEAM_SHARE * max(tile.right - tile.left, tile.bottom - tile.top)
-        outside = (xyxy - np.array(tile, np.float32)) * np.array([-1, -1, 1, 1], np.float32)
-        may_be_cut.append(((outside >= -seam_px) & inner).any(1))
+        may_be_cut.append(ends_at_a_seam(xyxy, tile, Tile(0, 0, width, height)))
         of_tile.append(np.full(len(xyxy), row))
     joined = Candidates2D(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     tile_of = np.concatenate(of_tile)
     may_cover = (joined.labels[:, None] == joined.labels) & (tile_of[:, None] != tile_of)
     is_part = np.concatenate(may_be_cut) & (may_cover & _is_covered(joined)).any(1)
     return Candidates2D(*(column[~is_part] for column in joined))
+
+
+def ends_at_a_seam(xyxy: F32, tile: Tile, image: Tile) -> Bools:
+    """(N,) whether boxes (N, 4) found in a tile end at an edge of it that lies within the image: they may be cut."""
+    inner = np.array(tile) != np.array(image)
+    seam_px = SEAM_SHARE * max(tile.right - tile.left, tile.bottom - tile.top)
+    outside = (xyxy - np.array(tile, np.float32)) * np.array([-1, -1, 1, 1], np.float32)
+    cut: Bools = ((outside >= -seam_px) & inner).any(1)
+    return cut
 
 
 def _is_covered(boxes: Candidates2D) -> Bools:

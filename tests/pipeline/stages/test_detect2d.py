@@ -6,17 +6,20 @@ import pytest
 from detections import boxes2d, camera_rig, forward_camera
 from hypothesis import given
 from hypothesis import strategies as st
+from lidar_scene import combined
 
 from lidcam.pipeline.core.arrays import U8
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.detect import Detect2DConfig
 from lidcam.pipeline.detectors.protocols import Candidates2D, Detector2D
 from lidcam.pipeline.stages.detect2d import Detect2D, suppress_overlaps
 
 LABELS = ("person", "kite", "car", "bicycle", "motorcycle")
 Row = tuple[float, float, float, float, float, str]
+NOTHING = combined(np.zeros((0, 3)))
 
 
 @dataclass
@@ -38,12 +41,12 @@ def image(name: str = "cam", *, height: int = 100, width: int = 200) -> Image:
 
 def stage_of(detector: Detector2D, config: Config | None = None, *cameras: str) -> Detect2D:
     rig, config = camera_rig(*map(forward_camera, cameras or ("cam",))), config or Config()
-    return Detect2D(rig, config.class_id_of_label, config.detect2d, detector)
+    return Detect2D(rig, config, detector)
 
 
 def detect(rows: Sequence[Row]) -> list[tuple[list[float], float, str]]:
     config = Config()
-    found = stage_of(Proposals(rows), config)({"cam": image()})["cam"]
+    found = stage_of(Proposals(rows), config)({"cam": image()}, NOTHING)["cam"]
     names = [config.class_names[i] for i in found.class_ids]
     return list(zip(found.xyxy.tolist(), [round(float(s), 3) for s in found.scores], names, strict=True))
 
@@ -91,7 +94,7 @@ def test_a_rider_and_the_bicycle_are_one() -> None:
 
 def test_networks_that_know_cyclists_are_believed() -> None:
     rows: list[Row] = [(20, 10, 40, 60, 0.8, "person"), (10, 40, 50, 70, 0.6, "bicycle")]
-    assert len(stage_of(Proposals(rows, ("person", "bicycle", "cyclist")))({"cam": image()})["cam"]) == 2
+    assert len(stage_of(Proposals(rows, ("person", "bicycle", "cyclist")))({"cam": image()}, NOTHING)["cam"]) == 2
 
 
 def test_equal_scores_keep_the_order_of_the_network() -> None:
@@ -101,11 +104,28 @@ def test_equal_scores_keep_the_order_of_the_network() -> None:
 
 def test_cameras_in_the_order_of_the_rig_and_none_without_an_image() -> None:
     stage = stage_of(Proposals([CAR]), None, "a", "b", "c")
-    assert stage({}) == {}
-    found = stage({"c": image("c"), "a": image("a", width=30)})
+    assert stage({}, NOTHING) == {}
+    found = stage({"c": image("c"), "a": image("a", width=30)}, NOTHING)
     assert [*found] == ["a", "c"]
     assert (found["c"].stamp_ns, found["c"].frame_id) == (7, "c_optical")
     assert found["a"].xyxy.tolist() == [[10, 10, 30, 40]], "clipped to its own image"
+
+
+def test_the_far_part_of_a_large_image_is_shown_once_more() -> None:
+    """The detector finds a person in whatever it is shown: of the part, it stands where the part lies."""
+    person: Row = (110, 110, 120, 140, 0.9, "person")
+    size_px = 2000, 1600
+    rig = camera_rig(forward_camera("far", size_px=size_px), forward_camera("near"))
+    images = {"far": image("far", width=2000, height=1600), "near": image("near", width=640, height=480)}
+    for settings, expected in ((Detect2DConfig(), 2), (Detect2DConfig(input=(640, 640)), 1)):
+        config = Config(detect2d=settings)
+        found = Detect2D(rig, config, Proposals([person]))(images, NOTHING)
+        assert [len(boxes) for boxes in found.values()] == [expected, 1]
+    (left, top, right, bottom), (_, lower, *_) = Detect2D(rig, Config(), Proposals([person]))(images, NOTHING)[
+        "far"
+    ].xyxy
+    assert [left, top, right, bottom] == [110, 110, 120, 140]
+    assert 600 < lower < 800 + 110
 
 
 def test_classes_that_the_detector_cannot_find_are_an_error() -> None:

@@ -5,11 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from detections import boxes3d
 from lidar_scene import Box, combined, rig, scan, turned
 from pillar_files import GRID, boxes_found, numbers_of, write_pillars
 
 from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.detectors.pillars.detector import merged
 from lidcam.pipeline.detectors.pillars.grid import FEATURES, pillars
 from lidcam.pipeline.stages.detect3d import Detect3D
 
@@ -112,3 +114,15 @@ def test_boxes_are_fitted_to_their_points(tmp_path: Path, turn: float, is_fitted
     np.testing.assert_allclose(boxes.centers[0, :2], expected[:2], atol=0.12 if is_fitted else 1e-5)
     off = np.angle(np.exp(1j * (boxes.yaws[0] - expected[6])))
     assert abs(off) < (0.03 if is_fitted else 1e-5)
+
+
+def test_a_merged_box_lies_nearer_to_the_more_exact_one() -> None:
+    """Of equal covariance for both, it claims to be no more exact than either: they saw the same points."""
+    exact = boxes3d([8, -3, 0.8, 4.0, 1.7, 1.5, 0.2], deviations=(0.1, 0.1, 0.1))
+    rough = boxes3d([8.5, -3, 0.9, 4.4, 1.9, 1.7, 0.7 - np.pi], deviations=(0.2, 0.1, 0.2))
+    both = merged(rough, exact)
+    np.testing.assert_allclose(both.centers, [[8.1, -3, 0.85]])
+    np.testing.assert_allclose(both.sizes, [[4.2, 1.8, 1.6]])
+    np.testing.assert_allclose(both.yaws, [0.3])
+    np.testing.assert_allclose(both.covariances, np.diag([0.016, 0.01, 0.016])[None], atol=1e-12)
+    np.testing.assert_allclose(merged(exact, exact).covariances, exact.covariances)
