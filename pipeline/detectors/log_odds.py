@@ -14,6 +14,14 @@ def logit(scores: F64) -> F64:
     return np.asarray(np.log(limited / (1 - limited)))
 
 
+def softly_limited(log_odds: F64, limit: float) -> F64:
+    """Log odds within +-`limit` in the same order, those well within it as they are.
+
+    A plain limit would make all alike that are certain.
+    """
+    return np.asarray(log_odds / (1 + (log_odds / limit) ** 4) ** 0.25)
+
+
 def sigmoid(log_odds: F64) -> F64:
     """Probabilities of log odds."""
     return np.asarray(1 / (1 + np.exp(-log_odds)))

@@ -54,6 +54,10 @@ object."""
 FRONT_PRIOR_VOTES = 0.5
 """Votes for each end before any box (Jeffreys' prior of a share)."""
 
+MIN_LANE_BELIEF = 0.5
+"""Minimum mean probability of a track that defines a lane, over all of its frames: a track that steps from one parked
+car to the next is rarely seen."""
+
 LANE_FRONT_LOG_ODDS = 1.5
 """Log odds that a vehicle is parked the way of the lane beside it; in narrow streets many are not."""
 
@@ -332,6 +336,7 @@ def _fronts(
     parked = np.flatnonzero(stays & of_class.are_solid)
     lasts_s = scene.stamps_s[courses.lasts] - scene.stamps_s[courses.firsts]
     drives = (np.abs(along_m) > MIN_LANE_TRAVEL * of_class.scales_m) & of_class.show_axis & (lasts_s > MIN_STANDING_S)
+    drives &= np.bincount(hits.tracks, hits.sightings.beliefs, len(courses)) > MIN_LANE_BELIEF * courses.counts
     paths = driven_paths(motions.select(drives[tracks]), scene.sites_xy, scene.stamps_s)
     lanes = lane_directions(first[parked], of_class.scales_m[parked], paths)
     log_odds[parked] += LANE_FRONT_LOG_ODDS * np.nan_to_num(np.sign(np.cos(lanes - first[parked, HEADING])))

@@ -13,11 +13,12 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Table, join_rows, replace_rows
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
-from lidcam.pipeline.detectors.log_odds import logit
+from lidcam.pipeline.detectors.log_odds import logit, softly_limited
 from lidcam.pipeline.fusion.assignment import assign
 from lidcam.pipeline.fusion.belief.odds import probability
 from lidcam.pipeline.tracking.motion import (
     HEADING,
+    ROBUST_DISTANCE,
     SPEED,
     STATE,
     TURN,
@@ -79,11 +80,14 @@ MAX_COASTING_S = 0.3
 EVIDENCE_WEIGHT = 0.5
 """Weight of the evidence of one frame: frames are not independent."""
 
-MIN_LOG_ODDS, MAX_LOG_ODDS = -5.0, 7.0
-"""Bounds of the log odds of existence."""
+MEMORY_S = 1.0
+"""Time constant with which evidence of existence fades, seconds."""
+
+FADED_LOG_ODDS = -1.0
+"""Log odds of existence to which a track fades."""
 
 MAX_NEW_LOG_ODDS = 2.0
-"""Maximum log odds of existence of a new track."""
+"""Maximum absolute log odds of existence of a new track."""
 
 DOUBT_LOG_ODDS = -1.0
 """Log odds added to a new track by each frame shortly before it, in which it was not seen."""
@@ -186,7 +190,8 @@ class OnlineTracker:
     def _predicted(self, live: _Live, after_s: float) -> _Live:
         moved, _ = predicted(live.motions, after_s, self._priors.noise[live.class_ids])
         along_m = live.along_m + live.states[:, SPEED] * after_s
-        return replace(live, states=moved.states, covariances=moved.covariances, along_m=along_m)
+        log_odds = FADED_LOG_ODDS + (live.log_odds - FADED_LOG_ODDS) * np.exp(-after_s / MEMORY_S)
+        return replace(live, states=moved.states, covariances=moved.covariances, log_odds=log_odds, along_m=along_m)
 
     def _assigned(self, live: _Live, sightings: Sightings, noise: F64) -> Indices:
         """(N,) track of each sighting; -1 for none."""
@@ -232,7 +237,7 @@ class OnlineTracker:
         live = replace(live, log_odds=log_odds, frames=live.frames + 1)
         seen, beliefs = live.select(tracks), sightings.beliefs
         boxes, slopes = expected(seen.motions, sightings.later_s, seen.rear_m)
-        after = updated(seen.motions, innovations(sightings.boxes, boxes), slopes, noise)
+        after = updated(seen.motions, innovations(sightings.boxes, boxes), slopes, noise, ROBUST_DISTANCE)
         votes = seen.votes.copy()
         votes[np.arange(len(seen)), sightings.class_ids] += beliefs
         agreement = np.sign(np.cos(sightings.boxes[:, 2] - after.states[:, HEADING]))
@@ -252,8 +257,7 @@ class OnlineTracker:
             heights_m=sightings.heights_m,
             shared_covariances=SHARED_ERROR * noise[:, :2, :2],
         )
-        live = replace_rows(live, tracks, seen)
-        return replace(live, log_odds=np.clip(live.log_odds, MIN_LOG_ODDS, MAX_LOG_ODDS))
+        return replace_rows(live, tracks, seen)
 
     def _with_fronts(self, live: _Live) -> _Live:
         """Turn tracks that drive backwards all the time, and those not known to move that most boxes show turned round.
@@ -316,7 +320,7 @@ class OnlineTracker:
             ids=np.arange(first_id, first_id + n),
             states=states,
             covariances=covariances,
-            log_odds=np.minimum(log_odds, MAX_NEW_LOG_ODDS),
+            log_odds=softly_limited(log_odds, MAX_NEW_LOG_ODDS),
             votes=votes,
             born_s=now_s,
             seen_s=now_s,

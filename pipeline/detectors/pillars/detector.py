@@ -31,6 +31,9 @@ MIN_FITTED_IOU = 0.25
 """Minimum IoU, seen from above, of a box and the one fitted to its points, for the fit to be taken. Of 0.2 to 0.7 about
 the best in drawn worlds."""
 
+MERGED_CORRELATION = 0.5
+"""Assumed correlation of the errors of a network's box and the one fitted to its points."""
+
 MAX_FITTED_TURN_SIGMAS = 1.5
 """Maximum turn of a fitted box, in the network's standard deviations of the heading. Of 1 to 2.5 (22 to 56 degrees for
 cars, 38 to 95 for cyclists) about the best in drawn worlds."""
@@ -39,12 +42,15 @@ cars, 38 to 95 for cyclists) about the best in drawn worlds."""
 def merged(first: Boxes3D, second: Boxes3D) -> Boxes3D:
     """The boxes (N,) of `second`, merged with those of the same objects by another method from the same points.
 
-    Errors from the same points are not independent: place and heading are those of the covariance intersection with
-    equal weights (Julier and Uhlmann, "A non-divergent estimation algorithm in the presence of unknown correlations",
-    1997). Lengths, widths and heights, whose covariances are not known, are means. Of the two directions along its
-    length, a box keeps that of `second`.
+    Errors from the same points are not independent: place and heading are means, weighted by the information of each
+    box, and the information of both is divided by one and their correlation, which is exact for equal covariances (with
+    a correlation of one, this is the covariance intersection of Julier and Uhlmann, "A non-divergent estimation
+    algorithm in the presence of unknown correlations", 1997). Lengths, widths and heights, whose covariances are not
+    known, are means. Of the two directions along its length, a box keeps that of `second`.
     """
-    first_weights, second_weights = (np.linalg.inv(boxes.covariances) / 2 for boxes in (first, second))
+    first_weights, second_weights = (
+        np.linalg.inv(boxes.covariances) / (1 + MERGED_CORRELATION) for boxes in (first, second)
+    )
     covariances = np.asarray(np.linalg.inv(first_weights + second_weights), np.float64)
     turn = wrap_angle(2 * (first.yaws - second.yaws)) / 2
     apart = np.column_stack([first.centers[:, :2] - second.centers[:, :2], turn])

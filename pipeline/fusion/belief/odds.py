@@ -12,11 +12,11 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64, I32, U8, Bools
 from lidcam.pipeline.core.detections import Source
 from lidcam.pipeline.core.settings.classes import ClassPrior
-from lidcam.pipeline.detectors.log_odds import logit, sigmoid
+from lidcam.pipeline.detectors.log_odds import logit, sigmoid, softly_limited
 from lidcam.pipeline.fusion.belief.visibility import Visibility
 
-MAX_LOG_ODDS = 7.0
-"""Maximum absolute log odds of an object, for probabilities between 0.001 and 0.999."""
+MAX_LOG_ODDS = 6.0
+"""Maximum absolute log odds of an object, for probabilities between 0.0025 and 0.9975."""
 
 MIN_FULL_VIEW_SHARE = 0.6
 """Minimum visible share of an object with the recall of one in full view."""
@@ -73,8 +73,8 @@ FITTED = Coefficients(
 
 
 def probability(log_odds: F64) -> F64:
-    """Probability of log odds, limited by `MAX_LOG_ODDS`."""
-    return sigmoid(log_odds.clip(-MAX_LOG_ODDS, MAX_LOG_ODDS))
+    """Probability of log odds, softly limited by `MAX_LOG_ODDS`."""
+    return sigmoid(softly_limited(log_odds, MAX_LOG_ODDS))
 
 
 def log_odds_before_cameras(

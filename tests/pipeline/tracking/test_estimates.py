@@ -100,6 +100,17 @@ def test_what_stands_looks_the_way_of_the_lane_beside_it(
     assert found.fronts_known.tolist() == [False, True]
 
 
+@pytest.mark.parametrize(("every", "direction"), [(1, np.pi), (3, 0.0)])
+def test_a_track_that_is_seldom_seen_defines_no_lane(every: int, direction: float) -> None:
+    driver = Mover(straight(8, 3.2, np.pi, 8.0), seen=lambda k: k % every == 0)
+    frames = scene([Mover(straight(0, 0, 0, 0)), driver], 31)
+    for frame in frames:
+        frame.sightings.show_front[:] = False
+    labels = [label for frame in frames for label in range(len(frame.sightings))]
+    found = estimated(Scene.of(frames), np.array(labels), PRIORS)
+    assert np.cos(found.motions.states[:31, HEADING] - direction).min() > 0.9
+
+
 @pytest.mark.parametrize(("turned", "direction"), [(lambda _: False, 0.0), (lambda k: k % 2 == 0, np.pi)])
 def test_the_lane_is_one_vote_beside_those_of_boxes(turned: Callable[[int], bool], direction: float) -> None:
     parked, driver = Mover(straight(0, 0, 0, 0), turned=turned), Mover(straight(8, 3.2, np.pi, 8.0))

@@ -52,6 +52,26 @@ def test_a_pause_is_bridged_and_a_long_one_ends_the_track() -> None:
     assert rows[45].ids.tolist() == [2]
 
 
+def test_a_box_across_a_track_hardly_turns_it() -> None:
+    frames = scene([Mover(straight(0, 0, 0, 0))], 12)
+    frames[9].sightings.boxes[0] += [0.0, 0.3, 1.4]
+    row = tracked(frames)[9]
+    assert row.seen.tolist() == [0]
+    assert abs(row.states[0, HEADING]) < 0.15
+
+
+@pytest.mark.parametrize(("frames_sure", "last"), [(10, 26), (60, 36)])
+def test_evidence_fades(frames_sure: int, last: int) -> None:
+    """A track that was sure for long is doubted after little more frames than one that was sure for a second."""
+    sure = Mover(straight(0, 0, 0, 0), seen=lambda k: k < frames_sure)
+    doubted = Mover(straight(0, 0, 0, 0), belief=0.3, seen=lambda k: k >= frames_sure)
+    rows = tracked(scene([sure, doubted], frames_sure + 60))
+    assert max(index for index, row in enumerate(rows) if len(row)) - frames_sure <= last
+    existence = [row.existence[0] for row in rows[:frames_sure]]
+    assert existence == sorted(existence)
+    assert len(set(existence)) == len(existence), "what is sure keeps an order"
+
+
 def test_measurements_at_their_own_time_do_not_lag() -> None:
     rows = tracked(scene([Mover(straight(0, 0, 0, 10.0))], 30, noise_m=0.01, later_s=0.05))
     assert rows[-1].states[0, 0] == pytest.approx(10.0 * 29 * PERIOD_S, abs=0.15)
@@ -65,7 +85,7 @@ def test_what_is_improbable_begins_no_track_but_carries_one_on() -> None:
 
 
 @pytest.mark.parametrize(
-    ("belief", "seen", "first"), [(0.6, [0], 0), (0.6, [7], None), (0.6, range(7, 20), 11), (0.99, range(7, 20), 7)]
+    ("belief", "seen", "first"), [(0.6, [0], 0), (0.6, [7], None), (0.6, range(7, 20), 13), (0.99, range(7, 20), 7)]
 )
 def test_a_track_is_doubted_by_the_frames_before_it(belief: float, seen: Sequence[int], first: int | None) -> None:
     rows = tracked(scene([Mover(straight(0, 0, 0, 0), belief=belief, seen=lambda k: k in seen)], 20))

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from lidcam.pipeline.core.detections import Source
 from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
-from lidcam.pipeline.detectors.log_odds import logit
+from lidcam.pipeline.detectors.log_odds import SCORE_LIMIT, logit
 from lidcam.pipeline.fusion.belief.odds import (
     FITTED,
     VEHICLE_SHARE,
@@ -47,9 +47,15 @@ def evidence(found: Visibility, recall: float = 0.9) -> float:
 
 def test_probabilities_and_log_odds_are_each_others_inverse_within_limits() -> None:
     p = np.array([0.01, 0.3, 0.5, 0.99])
-    np.testing.assert_allclose(probability(logit(p)), p)
+    np.testing.assert_allclose(probability(logit(p)), p, atol=0.01)
     assert np.isfinite(logit(np.array([0.0, 1.0]))).all()
     assert 0 < probability(np.array([-1e9]))[0] < probability(np.array([1e9]))[0] < 1
+
+
+def test_what_is_certain_keeps_its_order() -> None:
+    certain = probability(np.array([-40.0, -20.0, 6.0, 10.0, 20.0, 40.0])).astype(np.float32)
+    assert (np.diff(certain) > 0).all()
+    assert certain[-1] < 1 - SCORE_LIMIT, "trackers take its log odds"
 
 
 def test_where_an_object_is() -> None:
