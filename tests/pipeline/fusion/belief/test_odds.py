@@ -8,6 +8,7 @@ from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
 from lidcam.pipeline.detectors.log_odds import SCORE_LIMIT, logit
 from lidcam.pipeline.fusion.belief.odds import (
     FITTED,
+    PEOPLE_LOG_ODDS,
     VEHICLE_SHARE,
     camera_evidence,
     joined,
@@ -83,13 +84,13 @@ def before(score: float, in_view: float, *, is_upright: bool) -> float:
 def test_a_networks_box_counts_less_as_far_as_a_camera_sees_it() -> None:
     plain = float(logit(np.array(0.9)))
     assert [before(0.9, view, is_upright=True) for view in (0.0, 0.5, 1.0)] == pytest.approx(
-        [plain, plain + FITTED.in_view / 2, plain + FITTED.in_view]
+        [plain, plain + (FITTED.in_view + PEOPLE_LOG_ODDS) / 2, plain + FITTED.in_view + PEOPLE_LOG_ODDS]
     )
     assert before(0.9, 0.5, is_upright=False) == pytest.approx(plain + VEHICLE_SHARE * FITTED.in_view)
 
 
 def test_improbable_people_in_view_are_as_probable_as_what_a_2d_box_proposes() -> None:
-    assert before(0.02, 1.0, is_upright=True) == FITTED.frustum
+    assert before(0.02, 1.0, is_upright=True) == FITTED.frustum + PEOPLE_LOG_ODDS
     assert before(0.02, 0.0, is_upright=True) < FITTED.frustum
     assert before(0.02, 1.0, is_upright=False) < FITTED.frustum
 
