@@ -69,7 +69,7 @@ MAX_LINES = {
     "pipeline/detectors": (4190, 2640),
     "pipeline/evaluation": (4520, 2750),
     "pipeline/filters": (1070, 730),
-    "pipeline/fusion": (2930, 1600),
+    "pipeline/fusion": (2940, 1600),
     "pipeline/parallel": (950, 600),
     "pipeline/stages": (3150, 3340),
     "pipeline/tracking": (2080, 850),
