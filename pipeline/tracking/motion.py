@@ -26,9 +26,6 @@ HEADING, SPEED, TURN = 2, 3, 4
 REAR_SHARE = 0.28
 """Distance of the rear axle of a vehicle behind its centre, as a share of its length."""
 
-ROBUST_DISTANCE = 9.0
-"""Squared Mahalanobis distance beyond which a measurement weighs less."""
-
 MAX_SCALE_M = 4.0
 """Maximum motion scale, metres: longer vehicles accelerate no faster than one of this length."""
 

@@ -18,7 +18,6 @@ from lidcam.pipeline.fusion.assignment import assign
 from lidcam.pipeline.fusion.belief.odds import probability
 from lidcam.pipeline.tracking.motion import (
     HEADING,
-    ROBUST_DISTANCE,
     SPEED,
     STATE,
     TURN,
@@ -237,7 +236,7 @@ class OnlineTracker:
         live = replace(live, log_odds=log_odds, frames=live.frames + 1)
         seen, beliefs = live.select(tracks), sightings.beliefs
         boxes, slopes = expected(seen.motions, sightings.later_s, seen.rear_m)
-        after = updated(seen.motions, innovations(sightings.boxes, boxes), slopes, noise, ROBUST_DISTANCE)
+        after = updated(seen.motions, innovations(sightings.boxes, boxes), slopes, noise)
         votes = seen.votes.copy()
         votes[np.arange(len(seen)), sightings.class_ids] += beliefs
         agreement = np.sign(np.cos(sightings.boxes[:, 2] - after.states[:, HEADING]))

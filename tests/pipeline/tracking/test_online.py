@@ -52,14 +52,6 @@ def test_a_pause_is_bridged_and_a_long_one_ends_the_track() -> None:
     assert rows[45].ids.tolist() == [2]
 
 
-def test_a_box_across_a_track_hardly_turns_it() -> None:
-    frames = scene([Mover(straight(0, 0, 0, 0))], 12)
-    frames[9].sightings.boxes[0] += [0.0, 0.3, 1.4]
-    row = tracked(frames)[9]
-    assert row.seen.tolist() == [0]
-    assert abs(row.states[0, HEADING]) < 0.15
-
-
 @pytest.mark.parametrize(("frames_sure", "last"), [(10, 26), (60, 36)])
 def test_evidence_fades(frames_sure: int, last: int) -> None:
     """A track that was sure for long is doubted after little more frames than one that was sure for a second."""
