@@ -2,9 +2,11 @@
 
 import errno
 import logging
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 import typer
@@ -13,6 +15,7 @@ from logging_state import kept_logging
 from lidcam.cli import app, process_app
 from lidcam.cli.program import run_program
 from lidcam.pipeline.core.errors import CheckError, IncompleteError, RecordingError
+from lidcam.pipeline.parallel.pool import process_pool
 
 HOSTILE, SHOWN = "a\x1b]0;t\x07\x9b2J\nError: faked", "a\\x1b]0;t\\x07\\x9b2J\\nError: faked"
 
@@ -22,7 +25,7 @@ GONE = "the folder that this was started in is gone"
 @pytest.fixture(autouse=True)
 def as_it_was(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(sys, "argv", ["lidcam"])
-    with kept_logging():
+    with kept_logging(), patch.dict(os.environ):
         yield
 
 
@@ -51,6 +54,17 @@ def test_known_errors_are_one_line(error: Exception, code: int, told: str, capsy
         run_program(program, "lidcam")
     assert end.value.code == code
     assert capsys.readouterr().err == told
+
+
+def test_its_processes_take_no_code_from_the_folder_it_runs_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "multiprocessing.py").write_text("raise SystemExit('code of the folder')")
+    monkeypatch.chdir(tmp_path)
+
+    def program(*_: object, **__: object) -> None:
+        with process_pool(1) as pool:
+            assert pool.submit(os.getcwd).result() == str(tmp_path)
+
+    run_program(program, "lidcam")
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError("a bug"), PermissionError(errno.EACCES, "Permission denied")])
