@@ -229,8 +229,8 @@ def name_fault(name: str) -> str:
         found = "a backslash, a control character or bytes that are no UTF-8"
     elif re.match(r"[A-Za-z]:", name):
         found = "a drive"
-    elif parts[0] == RECORDS or name == TABLE_STEM:
-        found = f"what the batch itself writes ({RECORDS}, {TABLE_STEM})"
+    elif name == TABLE_STEM or any(re.match(r"\.(.*\.)?lidcam-", part) for part in parts):
+        found = f"what lidcam itself writes ({RECORDS}, {TABLE_STEM}, .NAME.lidcam-)"
     elif max(len(part.encode()) for part in parts) > MAX_NAME_BYTES:
         found = f"one of more than {MAX_NAME_BYTES} bytes"
     else:

@@ -66,16 +66,13 @@ def run_batch(
             raise OutputError(f"{place}: {other} and {job.name} would both be written there; batch them apart")
     ordered = sorted(jobs, key=lambda job: (-job.bytes, job.name))
     found: dict[str, JobRecord] = {}
-    try:
-        store, facts = Store(options.out), options.facts()
-        with closing(engine.outcomes([partial(_done, job, options, store, facts) for job in ordered])) as outcomes:
-            for record in outcomes:
-                found[record.name] = record
-                told(record)
-                if options.fail_fast and record.state == "failed":
-                    break
-    except OSError as err:
-        raise OutputError(f"{options.out}: expected a folder that can be written to: {err}") from err
+    store, facts = Store(options.out), options.facts()
+    with closing(engine.outcomes([partial(_done, job, options, store, facts) for job in ordered])) as outcomes:
+        for record in outcomes:
+            found[record.name] = record
+            told(record)
+            if options.fail_fast and record.state == "failed":
+                break
     return [found[job.name] for job in jobs if job.name in found]
 
 

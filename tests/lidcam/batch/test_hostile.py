@@ -25,7 +25,13 @@ NAMES = {
     "an empty one, '.' or '..'": ("/home/u/package", "//", "a//b", "../../up", "a/../b", "a/..", "./here", "."),
     "a backslash": ("..\\up", "C:\\up", "a\nb", "a\0b", "\x1b[2J\x1b]0;title\x07", "a\x9bb", "day\n/drive", "\udce9"),
     "a drive": ("C:up", "c:/windows/up"),
-    "what the batch itself writes": (f"{RECORDS}/x", f"{RECORDS}/day/drive.json", RECORDS, "_jobs"),
+    "what lidcam itself writes": (
+        f"{RECORDS}/x",
+        f"{RECORDS}/day/drive.json",
+        RECORDS,
+        "_jobs",
+        ".a.json.lidcam-x/a.json",
+    ),
     "one of more than 200 bytes": ("a" * 201, "é" * 101, f"day/{'a' * 900}", f"{'a' * 300}/drive"),
 }
 """Names of recordings below the folder that is given, which no result has, by the reason."""

@@ -53,7 +53,7 @@ if os.geteuid() == 0:
     KINDS["of another user"] = foreign
 
 LEFT = ".out.mcap.lidcam-left"
-PLACES = ("out.mcap", "out.rrd", LEFT, f"{LEFT}/other", f"{LEFT}/out.mcap.old", ".out.mcap.lidcam/journal")
+PLACES = ("out.mcap", "out.rrd", LEFT, f"{LEFT}/other", f"{LEFT}/out.mcap.old")
 PLAIN = {"nothing", "file", "hard link"}
 
 
@@ -66,9 +66,6 @@ def plant_folders(folder: Path, home: Path) -> None:
             plant(path, home)
             if path.parent.name == LEFT:
                 (path.parent / "out.mcap.lock").touch()
-            if path.name == "journal":  # as an earlier version left it
-                for name in ("lock", "new", "old"):
-                    plant(path.with_name(name), home)
         for lock, plant_lock in KINDS.items():
             left = folder / f"{lock} locks {kind}" / LEFT
             left.mkdir(parents=True)
