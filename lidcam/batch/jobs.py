@@ -227,8 +227,6 @@ def name_fault(name: str) -> str:
         found = "an empty one, '.' or '..'"
     elif any(letter == "\\" or category(letter) in {"Cc", "Cs"} for letter in name):
         found = "a backslash, a control character or bytes that are no UTF-8"
-    elif re.match(r"[A-Za-z]:", name):
-        found = "a drive"
     elif name == TABLE_STEM or any(re.match(r"\.(.*\.)?lidcam-", part) for part in parts):
         found = f"what lidcam itself writes ({RECORDS}, {TABLE_STEM}, .NAME.lidcam-)"
     elif max(len(part.encode()) for part in parts) > MAX_NAME_BYTES:

@@ -24,7 +24,6 @@ from lidcam.writers.outputs.marks import marked_json
 NAMES = {
     "an empty one, '.' or '..'": ("/home/u/package", "//", "a//b", "../../up", "a/../b", "a/..", "./here", "."),
     "a backslash": ("..\\up", "C:\\up", "a\nb", "a\0b", "\x1b[2J\x1b]0;title\x07", "a\x9bb", "day\n/drive", "\udce9"),
-    "a drive": ("C:up", "c:/windows/up"),
     "what lidcam itself writes": (
         f"{RECORDS}/x",
         f"{RECORDS}/day/drive.json",
