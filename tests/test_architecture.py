@@ -54,7 +54,7 @@ MAX_LINES = {
     "e2e": (0, 4060),
     "fuzz": (0, 860),
     "lidcam": (940, 640),
-    "lidcam/batch": (1140, 620),
+    "lidcam/batch": (1130, 620),
     "lidcam/checks": (1130, 840),
     "lidcam/cli": (4090, 1460),
     "lidcam/evaluation": (820, 830),
