@@ -115,17 +115,14 @@ def _of(place: Location, text: str, out: Location) -> list[BatchJob]:
         if not is_bucket(place) or place.name.lower().endswith(ENDINGS):
             return [_job((place,), place.name, 0)]
         return _of_bucket(place, out)
-    if not place.exists():
-        raise RecordingError(f"{text}: expected a recording or a folder of recordings, found nothing of this name")
-    if not place.is_dir() or _is_recording(place):
-        if not place.is_dir() and not place.is_file():
-            raise RecordingError(f"{text}: expected a recording or a folder of recordings, found a device or a pipe")
+    if not place.is_dir() and not place.is_file():
+        what = "a device or a pipe" if place.exists() else "nothing of this name"
+        raise RecordingError(f"{text}: expected a recording or a folder of recordings, found {what}")
+    if place.is_file() or _is_recording(place):
         name = place.name if place.name not in {"", ".."} else place.resolve().name
         return [_job((place,), name, _bytes(place))]
-    skipped = None
-    if isinstance(out, Path) and out.resolve().is_relative_to(place.resolve()):
-        skipped = place / out.resolve().relative_to(place.resolve())
-    if skipped == place:
+    skipped = out.resolve() if isinstance(out, Path) else None
+    if place.resolve() == skipped:
         raise RecordingError(f"{text}: {OTHER_FOLDER}")
     found = [*_recordings(place, skipped)]
     if not found:
@@ -151,7 +148,7 @@ def _of_bucket(place: RemotePath, out: Location) -> list[BatchJob]:
 
 
 def _recordings(folder: Path, out: Path | None) -> Iterator[Path]:
-    """The recordings in a folder and below it, in natural order; links to folders are not followed."""
+    """The recordings in a folder and below it but for `out`, in natural order; links to folders are not followed."""
     left = [folder]
     while left:
         path = left.pop()
@@ -165,7 +162,7 @@ def _recordings(folder: Path, out: Path | None) -> Iterator[Path]:
 def _is_searched(path: Path, out: Path | None) -> bool:
     """Whether what lies in a folder is a recording, or a folder that may hold some."""
     if path.is_dir():
-        return not path.is_symlink() and path != out and not path.name.startswith(".")
+        return not path.is_symlink() and path.resolve() != out and not path.name.startswith(".")
     return path.is_file() and path.name.lower().endswith(ENDINGS)
 
 
@@ -227,10 +224,8 @@ def name_fault(name: str) -> str:
         found = "an empty one, '.' or '..'"
     elif any(letter == "\\" or category(letter) in {"Cc", "Cs"} for letter in name):
         found = "a backslash, a control character or bytes that are no UTF-8"
-    elif re.match(r"[A-Za-z]:", name):
-        found = "a drive"
-    elif parts[0] == RECORDS or name == TABLE_STEM:
-        found = f"what the batch itself writes ({RECORDS}, {TABLE_STEM})"
+    elif name == TABLE_STEM or any(re.match(r"\.(.*\.)?lidcam-", part) for part in parts):
+        found = f"what lidcam itself writes ({RECORDS}, {TABLE_STEM}, .NAME.lidcam-)"
     elif max(len(part.encode()) for part in parts) > MAX_NAME_BYTES:
         found = f"one of more than {MAX_NAME_BYTES} bytes"
     else:

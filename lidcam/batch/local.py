@@ -17,7 +17,9 @@ from lidcam.batch.engine import JOB_MIB, Engine, Task, cancelled
 from lidcam.batch.records import JobRecord
 from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES, usable_cores
 
-WORKER = ("-m", "lidcam.batch.worker")
+WORKER = ("-P", "-m", "lidcam.batch.worker")
+"""Arguments of Python for the process of a job, which takes no code from the folder that it runs in."""
+
 TAIL_BYTES = 8192
 
 

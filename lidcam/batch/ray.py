@@ -7,7 +7,7 @@ import secrets
 import signal
 import socket
 from collections.abc import Callable, Generator, Sequence
-from contextlib import redirect_stdout
+from contextlib import chdir, redirect_stdout
 from dataclasses import replace
 from importlib.metadata import version
 from io import TextIOBase
@@ -72,12 +72,9 @@ class RayEngine(Engine):
         try:
             if address:
                 _check(address)
-            ray.init(
-                address or "local",
-                log_to_driver=False,
-                logging_level=logging.ERROR,
-                **({} if address else started),
-            )
+            options = {"log_to_driver": False, "logging_level": logging.ERROR} | ({} if address else started)
+            with chdir(self._folder.name):  # the nodes take code from the folder that this runs in
+                ray.init(address or "local", **options)
         except Exception as err:  # of many kinds: no cluster, another version of Ray or Python
             self._leave()
             raise LidcamError(f"--engine ray: {' '.join(str(err).split())}") from err

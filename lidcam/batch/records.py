@@ -22,7 +22,7 @@ END_BYTES = 1 << 16
 
 State = Literal["begun", "done", "incomplete", "failed", "busy"]
 Count = Annotated[int, Field(ge=0, lt=1 << 63)]
-Number = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Number = Annotated[float, Field(ge=0, lt=1e9)]
 
 EXIT_CODES = {"done": 0, "incomplete": 3}
 """Exit codes of jobs that have results."""

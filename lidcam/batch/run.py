@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from importlib.metadata import version
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from lidcam.batch.engine import Engine, Task
 from lidcam.batch.jobs import BatchJob
@@ -57,20 +57,22 @@ def run_batch(
         told: Called with the record of each job that has ended, or was up to date.
 
     Raises:
-        OutputError: the folder cannot be written to.
+        OutputError: the folder cannot be written to, or images of two recordings would be in one folder.
     """
+    folders: dict[str, str] = {}
+    for job in jobs if MATCHES in options.endings else ():
+        other = folders.setdefault(place := _matches(job.name), job.name)
+        if other != job.name:
+            raise OutputError(f"{place}: {other} and {job.name} would both be written there; batch them apart")
     ordered = sorted(jobs, key=lambda job: (-job.bytes, job.name))
     found: dict[str, JobRecord] = {}
-    try:
-        store, facts = Store(options.out), options.facts()
-        with closing(engine.outcomes([partial(_done, job, options, store, facts) for job in ordered])) as outcomes:
-            for record in outcomes:
-                found[record.name] = record
-                told(record)
-                if options.fail_fast and record.state == "failed":
-                    break
-    except OSError as err:
-        raise OutputError(f"{options.out}: expected a folder that can be written to: {err}") from err
+    store, facts = Store(options.out), options.facts()
+    with closing(engine.outcomes([partial(_done, job, options, store, facts) for job in ordered])) as outcomes:
+        for record in outcomes:
+            found[record.name] = record
+            told(record)
+            if options.fail_fast and record.state == "failed":
+                break
     return [found[job.name] for job in jobs if job.name in found]
 
 
@@ -105,10 +107,14 @@ def _done(job: BatchJob, options: BatchOptions, store: Store, facts: Sequence[ob
 
 
 def _task(job: BatchJob, names: Sequence[str], options: BatchOptions, store: Store, begun: JobRecord) -> Task:
-    matches = None
-    if MATCHES in options.endings:
-        folder, slash, name = job.name.rpartition("/")
-        matches = store.files.at(f"{folder}{slash}{name.replace('.', '_')}{MATCHES}")
-    folders = (matches,) if isinstance(matches, Path) else ()
-    job_alone = replace(options.job, inputs=job.inputs, outputs=folders)
-    return Task(begun, job_alone, tuple(map(store.files.at, names)))
+    outputs: list[Location] = [store.files.at(name) for name in names]
+    folders: tuple[Path, ...] = ()
+    if MATCHES in options.endings and isinstance(outputs[0], Path):
+        folders = (outputs[0].parent / PurePath(_matches(job.name)).name,)
+    return Task(begun, replace(options.job, inputs=job.inputs, outputs=folders), tuple(outputs))
+
+
+def _matches(name: str) -> str:
+    """The folder of the images of a job, below that of the batch; what has an ending is no folder."""
+    folder, slash, last = name.rpartition("/")
+    return f"{folder}{slash}{last.replace('.', '_')}{MATCHES}"

@@ -1,6 +1,5 @@
 """The folder of a batch, local or in an object store: its results, and the records of its jobs."""
 
-import errno
 import fcntl
 import logging
 import os
@@ -9,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO, Protocol
+from typing import IO
 
 from lidcam.batch.jobs import RECORDS
 from lidcam.batch.records import JobRecord, record_of, record_text
@@ -26,26 +25,11 @@ MAX_RECORD_BYTES = 16 << 20
 logger = logging.getLogger(__name__)
 
 
-class Files(Protocol):
-    """Files below a folder, by their names relative to it: a `Bucket`, or a local folder."""
-
-    def at(self, name: str) -> Location:
-        """The location of a file."""
-
-    def written(self, name: str, known: WrittenFile | None = None) -> WrittenFile | None:
-        """A file with its checksum; None where there is none. It is not read again if it is unchanged since `known`."""
-
-    def read(self, name: str) -> bytes | None:
-        """The content of a file; None where there is none."""
-
-    def put(self, name: str, content: bytes) -> None:
-        """Write a file, whole or not at all."""
-
-
 class LocalFiles:
-    """Files below a local folder, which is made if it is missing: `Files` without fsspec, which is an extra.
+    """Files below a local folder, by their names relative to it: a `Bucket` without fsspec, which is an extra.
 
-    The folder may be a link, as its user named it; below it nothing is followed or opened but folders and plain files.
+    The folder is made if it is missing, and may be a link, as its user named it. Below it nothing is followed or opened
+    but folders and plain files: methods raise OutputError where something else stands.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -53,11 +37,7 @@ class LocalFiles:
         folder.mkdir(parents=True, exist_ok=True)
 
     def at(self, name: str) -> Path:
-        """See `Files`; the folder of the file is made.
-
-        Raises:
-            OutputError: something other than a folder stands in its place.
-        """
+        """The location of a file, in a folder that is made if it is missing."""
         *folders, last = name.split("/")
         path = self._folder
         for folder in folders:
@@ -66,19 +46,22 @@ class LocalFiles:
                 path.mkdir()
             if not stat.S_ISDIR(path.lstat().st_mode):
                 raise OutputError(f"{path}: expected a folder, found a link or a file: choose another folder")
-        return path / last
+        path /= last
+        if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
+            raise OutputError(f"{path}: expected a file, found a link, a folder, a device or a pipe; remove it")
+        return path
 
     def written(self, name: str, known: WrittenFile | None = None) -> WrittenFile | None:
-        """See `Files`."""
+        """A file with its checksum; None where there is none. It is not read again if it is unchanged since `known`."""
         return written_file(self.at(name), known)
 
     def read(self, name: str) -> bytes | None:
-        """See `Files`."""
+        """The content of a file; None where there is none."""
         path = self.at(name)
-        return read_small_file(path, MAX_RECORD_BYTES) if path.is_file() and not path.is_symlink() else None
+        return read_small_file(path, MAX_RECORD_BYTES) if path.exists() else None
 
     def put(self, name: str, content: bytes) -> None:
-        """See `Files`."""
+        """Write a file, whole or not at all."""
         with OutputTransaction([path := self.at(name)]) as outputs:
             outputs[path].write_bytes(content)
 
@@ -97,7 +80,7 @@ class Store:
     """
 
     def __init__(self, out: Location) -> None:
-        self.files: Files
+        self.files: LocalFiles | Bucket
         if isinstance(out, Path):
             try:
                 self.files = LocalFiles(out)
@@ -153,13 +136,7 @@ class Store:
 
 
 def _open_lock(path: Path) -> IO[bytes]:
-    """A lock, made if it is missing.
-
-    Raises:
-        OSError: it cannot be opened, or is no plain file.
-    """
-    if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
-        raise OSError(errno.EINVAL, "expected a file, found a link, a device or a pipe; remove it", str(path))
+    """A lock, made if it is missing."""
     flags = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | flags, 0o666)

@@ -9,6 +9,7 @@ stdout, progress and log to stderr.
 import gc
 import io
 import logging
+import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -32,6 +33,7 @@ GARBAGE_AFTER = 10_000
 def run_program(program: Callable[..., object], name: str) -> None:
     """Run a program with the arguments of the command line; known errors become one line and an exit code."""
     gc.set_threshold(GARBAGE_AFTER)
+    os.environ["PYTHONSAFEPATH"] = "1"  # processes that it starts take no code from the folder it runs in
     configure_logging()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

@@ -19,16 +19,16 @@ class WrittenFile:
 
 
 def written_file(path: Path, known: WrittenFile | None = None) -> WrittenFile | None:
-    """The file at a path, which is not followed if it is a link; None where no regular file is.
+    """The file at a path, which is not followed if it is a link; None where nothing is.
 
     Args:
         path: The file.
         known: The same file as it was written; it is read only if it has changed since.
 
     Raises:
-        OSError: it cannot be read.
+        OSError: it cannot be read, or is no regular file.
     """
-    if path.is_symlink() or not path.is_file():
+    if not os.path.lexists(path):
         return None
     with open_regular(path, os.O_NOFOLLOW) as file:
         status = os.fstat(file.fileno())

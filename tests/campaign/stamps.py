@@ -77,7 +77,7 @@ def _try_case(_: int, chance: Random) -> Outcome:
         except LidcamError as err:
             if policy == "fail" and is_one_line(str(err)):
                 return Outcome("one line", detail=f"{what}: {err}")
-                return Outcome("ended without output", is_fault=True, detail=f"{what}: {err}")
+            return Outcome("ended without output", is_fault=True, detail=f"{what}: {err}")
     fault = _fault(_clean(form, motion), found, _drive(encoding, motion)[row], changed)
     return Outcome(fault or "all other frames stand", is_fault=bool(fault), detail=what)
 

@@ -97,15 +97,16 @@ class Checkpoint(NamedTuple):
         """
         state = {"network": network.state_dict(), "optimiser": optimiser.state_dict(), "step": step, "loss": loss}
         state["history"] = [*history]
+        state |= {"family": self.worlds, "seed": self.seed, "begin": self.begin}
         with (
             OutputTransaction([self.path]) as outputs,
             output_errors(self.path),
             outputs[self.path].part.open("xb") as file,
         ):
-            torch.save(state | {"family": self.worlds, "seed": self.seed, "begin": self.begin}, file)
+            torch.save(state, file)
 
-    def load(self) -> State:
-        """Read the saved state.
+    def load(self, *into: PillarNetwork | torch.optim.Optimizer) -> State:
+        """Read the saved state, and put it into the network and the optimiser, if these are given.
 
         Raises:
             LidcamError: the file cannot be read, or belongs to another training.
@@ -114,11 +115,14 @@ class Checkpoint(NamedTuple):
         try:
             with torch_file(self.path) as file:
                 state = STATE.validate_python(torch.load(file, map_location="cpu", weights_only=True))
+            known = state.family
+            facts = GRIDS[known], CLASSES[known], state.seed
+            is_same = facts == (GRIDS[self.worlds], CLASSES[self.worlds], self.seed)
+            for one, saved in zip(into if is_same else (), (state.network, state.optimiser), strict=False):
+                one.load_state_dict(saved)
         except Exception as err:  # errors of pickled files share no base class
             raise LidcamError(f"{expected}, found {one_line(err, max_characters=200)}") from err
-        known = state.family
-        is_same = (GRIDS[known], CLASSES[known]) == (GRIDS[self.worlds], CLASSES[self.worlds])
-        if not is_same or state.seed != self.seed:
+        if not is_same:
             raise LidcamError(f"{expected}, found --family {known} --seed {state.seed}")
         return state
 
@@ -149,14 +153,8 @@ def fitted(
     optimiser = torch.optim.AdamW(network.parameters(), MAX_RATE, weight_decay=DECAY)
     step, mean_loss, history = 0, float("nan"), []
     if checkpoint.path.exists():
-        state = checkpoint.load()
+        state = checkpoint.load(network, optimiser)
         checkpoint = checkpoint._replace(begin=state.begin)
-        try:
-            network.load_state_dict(state.network)
-            optimiser.load_state_dict(state.optimiser)
-        except Exception as err:  # of many kinds
-            found = one_line(err, max_characters=200)
-            raise LidcamError(f"{checkpoint.path}: expected the state of such a training, found {found}") from err
         step, mean_loss, history = state.step, state.loss, state.history
         if step > steps:
             raise LidcamError(f"{checkpoint.path}: is already at step {step}; pass --steps {step} or more")

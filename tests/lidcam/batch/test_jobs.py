@@ -1,3 +1,5 @@
+import os
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -67,6 +69,29 @@ def test_files_patterns_lists_and_urls(logs: Path, tmp_path: Path) -> None:
     assert isinstance(job.inputs[0], RemotePath)
 
 
+def test_a_bag_folder_that_one_is_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "bag" / "sub").mkdir(parents=True)
+    (tmp_path / "bag" / "metadata.yaml").touch()
+    for here, given in (("bag", "."), ("bag/sub", "..")):
+        monkeypatch.chdir(tmp_path / here)
+        assert [job.name for job in find_jobs([given], tmp_path / "out")] == ["bag"]
+
+
+def test_a_tree_of_1100_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a.bag").touch()
+    try:
+        for _ in range(1100):
+            Path("d").mkdir()
+            os.chdir("d")
+        assert names([tmp_path], tmp_path / "out") == ["a"]
+        os.chdir(tmp_path)
+        with pytest.raises(RecordingError, match=r"found nothing of this pattern|too deep for a pattern"):
+            find_jobs(["**/*.none"], tmp_path / "out")
+    finally:
+        subprocess.run(["rm", "-r", tmp_path / "d"], check=True)  # shutil cannot
+
+
 @pytest.mark.parametrize(
     ("given", "fault"),
     [
@@ -75,6 +100,8 @@ def test_files_patterns_lists_and_urls(logs: Path, tmp_path: Path) -> None:
         (["@nothing.txt"], "expected a list of recordings"),
         (["empty"], "expected recordings"),
         (["a" * 300], "cannot be searched for recordings: File name too long"),
+        (["fifo"], "found a device or a pipe"),
+        (["@fifo"], "expected a regular file, found a FIFO or a device"),
         (["one/a.bag", "two/a.bag"], "would both become a.mcap"),
     ],
 )
@@ -86,5 +113,6 @@ def test_what_is_no_recording_is_told(
     for folder in ("one", "two"):
         (tmp_path / folder / "a.bag").write_bytes(b"1")
     monkeypatch.chdir(tmp_path)
+    os.mkfifo("fifo")
     with pytest.raises(RecordingError, match=fault):
         find_jobs(given, tmp_path / "out")

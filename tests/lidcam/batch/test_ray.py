@@ -1,6 +1,7 @@
 """Batches on a cluster of two nodes on this machine; a start of it takes seconds, so there is one."""
 
 import os
+import pickle
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -114,9 +115,10 @@ def test_without_ray_or_without_a_cluster_there_is_one_line(monkeypatch: pytest.
 
 
 CLOSED = """
-import socket
+import pickle, socket, sys
 from lidcam.batch.ray import RayEngine
-engine = RayEngine(1, 1, None)
+task = pickle.loads(bytes.fromhex(sys.argv[1]))
+engine = RayEngine(1, 1, None, ("-c", "raise SystemExit('it ran')"))
 import ray
 (node,) = ray.nodes()
 gcs = ray.get_runtime_context().gcs_address.rpartition(":")[2]
@@ -124,15 +126,18 @@ for port in (int(gcs), node["NodeManagerPort"], node["ObjectManagerPort"]):
     socket.create_connection(("127.0.0.1", port)).close()
     with socket.socket() as client:
         print(client.connect_ex(("127.0.0.2", port)) == 0)
-list(engine.outcomes([]))
+print(*[one.message for one in engine.outcomes([lambda one: one.run(task, keep_open=None)])])
 """
 """Ports of Ray at 127.0.0.2 are open if it listens at all addresses of this machine."""
 
 
-def test_ray_on_this_machine_is_closed_and_leaves_nothing() -> None:
+def test_ray_on_this_machine_is_closed_and_leaves_nothing(tmp_path: Path) -> None:
+    """Nor does it take code from the folder in which it is started."""
+    (tmp_path / "lidcam.py").write_text("raise SystemExit('code of the folder')")
     with TemporaryDirectory() as home:  # its sockets need a short path
         settings = {key: value for key, value in os.environ.items() if not key.startswith("RAY_")}
         settings |= {"HOME": home, "TMPDIR": home, "PYTHONPATH": os.pathsep.join(sys.path)}
-        done = subprocess.run([sys.executable, "-c", CLOSED], env=settings, capture_output=True, text=True, check=True)
-        assert done.stdout.split() == ["False"] * 3
+        command = [sys.executable, "-P", "-c", CLOSED, pickle.dumps(TASK).hex()]
+        done = subprocess.run(command, cwd=tmp_path, env=settings, capture_output=True, text=True, check=True)
+        assert done.stdout.splitlines() == [*["False"] * 3, "it ran"]
         assert list(Path(home).rglob("*")) == []

@@ -17,8 +17,9 @@ from lidcam.batch.engine import Engine, Task
 from lidcam.batch.jobs import RECORDS, BatchJob, find_jobs
 from lidcam.batch.local import LocalEngine
 from lidcam.batch.records import JobRecord
-from lidcam.batch.run import BatchOptions, run_batch
+from lidcam.batch.run import MATCHES, BatchOptions, run_batch
 from lidcam.batch.store import Store
+from lidcam.pipeline.core.errors import OutputError
 from lidcam.run.job import Job
 
 
@@ -67,6 +68,15 @@ def test_a_second_run_does_what_is_missing(jobs: list[BatchJob], options: BatchO
 
 def test_after_a_failure_no_other_job_begins(jobs: list[BatchJob], options: BatchOptions) -> None:
     assert done(jobs, replace(options, fail_fast=True))[0] == ["failed"]
+
+
+def test_two_recordings_whose_images_would_be_in_one_folder(tmp_path: Path, options: BatchOptions) -> None:
+    for name in ("a.b.bag", "a_b.bag"):
+        (tmp_path / name).write_bytes(b"good")
+    jobs = find_jobs([str(tmp_path / "*.bag")], tmp_path / "out")
+    with pytest.raises(OutputError, match=r"a_b_matches: a\.b and a_b would both be written there"):
+        done(jobs, replace(options, endings=[MATCHES]))
+    assert done(jobs, options)[0] == ["done", "done"]
 
 
 def test_what_was_at_work_when_a_batch_was_killed_is_done_again(
@@ -128,6 +138,12 @@ sys.stdout.buffer.write(pickle.dumps(dataclasses.replace(task.record, state="don
 def test_a_process_that_gives_no_record_has_failed(code: str, exit_code: int, message: str) -> None:
     record = python(code).run(TASK, keep_open=None)
     assert (record.state, record.exit_code, record.message) == ("failed", exit_code, message)
+
+
+def test_a_process_takes_no_code_from_the_folder_it_runs_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "lidcam.py").write_text("raise SystemExit('code of the folder')")
+    monkeypatch.chdir(tmp_path)
+    assert LocalEngine(1).run(TASK, keep_open=None).message.startswith("none.bag: ")
 
 
 def test_leaving_ends_the_processes_at_work(held: int) -> None:

@@ -2,6 +2,7 @@
 
 import errno
 import logging
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +23,7 @@ GONE = "the folder that this was started in is gone"
 @pytest.fixture(autouse=True)
 def as_it_was(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(sys, "argv", ["lidcam"])
+    monkeypatch.setenv("PYTHONSAFEPATH", "")
     with kept_logging():
         yield
 
@@ -53,22 +55,24 @@ def test_known_errors_are_one_line(error: Exception, code: int, told: str, capsy
     assert capsys.readouterr().err == told
 
 
+def test_its_processes_take_no_code_from_the_folder_it_runs_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "json.py").write_text("raise SystemExit('code of the folder')")
+    monkeypatch.chdir(tmp_path)
+    run_program(lambda *_, **__: subprocess.run([sys.executable, "-c", "import json"], check=True), "lidcam")
+
+
 @pytest.mark.parametrize("error", [ZeroDivisionError("a bug"), PermissionError(errno.EACCES, "Permission denied")])
-def test_bugs_keep_their_traceback(error: Exception, capsys: pytest.CaptureFixture[str]) -> None:
-    records: list[logging.LogRecord] = []
-
-    class Kept(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            records.append(record)
-
+def test_bugs_keep_their_traceback(
+    error: Exception, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
     def program(*_: object, **__: object) -> None:
         logging.getLogger("lidcam").setLevel(logging.DEBUG)  # as with a log file
-        logging.getLogger().addHandler(Kept())
+        logging.getLogger().addHandler(caplog.handler)
         raise error
 
     with pytest.raises(type(error)):
         run_program(program, "lidcam")
-    assert [record.exc_info[1] for record in records if record.exc_info] == [error]
+    assert [record.exc_info[1] for record in caplog.records if record.exc_info] == [error]
     assert capsys.readouterr().err == ""
 
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import torch
 from command import called
 from written_jobs import Written
 
@@ -16,8 +15,6 @@ from lidcam.batch.store import Store
 from lidcam.batch.table import TABLE, records_table
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.run.job import Job
-from lidcam.training.pillars.fit import Checkpoint
-from lidcam.training.pillars.network import PillarNetwork
 from lidcam.writers.outputs.transaction import OutputTransaction
 
 SAMPLE = Path(__file__).resolve().parents[3] / "bags" / "sandbox.bag"
@@ -56,7 +53,7 @@ if os.geteuid() == 0:
     KINDS["of another user"] = foreign
 
 LEFT = ".out.mcap.lidcam-left"
-PLACES = ("out.mcap", "out.rrd", LEFT, f"{LEFT}/other", f"{LEFT}/out.mcap.old", ".out.mcap.lidcam/journal")
+PLACES = ("out.mcap", "out.rrd", LEFT, f"{LEFT}/other", f"{LEFT}/out.mcap.old")
 PLAIN = {"nothing", "file", "hard link"}
 
 
@@ -69,9 +66,6 @@ def plant_folders(folder: Path, home: Path) -> None:
             plant(path, home)
             if path.parent.name == LEFT:
                 (path.parent / "out.mcap.lock").touch()
-            if path.name == "journal":  # as an earlier version left it
-                for name in ("lock", "new", "old"):
-                    plant(path.with_name(name), home)
         for lock, plant_lock in KINDS.items():
             left = folder / f"{lock} locks {kind}" / LEFT
             left.mkdir(parents=True)
@@ -157,9 +151,8 @@ def test_a_command_names_what_it_leaves_in_one_line(tmp_path: Path, home: Path) 
 
 
 BATCH_PLACES = (
-    *(TABLE, f"{TABLE}.new", RECORDS, f"{RECORDS}/.lock", f"{RECORDS}/day"),
-    *(f"{RECORDS}/day/a.{ending}" for ending in ("json", "json.new", "lock")),
-    *("day", "day/a.mcap", "day/a.mcap.new"),
+    *(TABLE, RECORDS, f"{RECORDS}/.lock", f"{RECORDS}/day", f"{RECORDS}/day/a.json", f"{RECORDS}/day/a.lock"),
+    *("day", "day/a.mcap"),
 )
 
 
@@ -167,7 +160,7 @@ BATCH_PLACES = (
 def test_a_batch_writes_and_reads_nothing_elsewhere(
     tmp_path: Path, home: Path, place: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each kind in each place: 130 folders. What is refused is one line of the batch, or of the job."""
+    """Each kind in each place: 104 folders. What is refused is one line of the batch, or of the job."""
     monkeypatch.setattr(os, "fsync", lambda _: None)
     (tmp_path / "logs" / "day").mkdir(parents=True)
     (tmp_path / "logs" / "day" / "a.bag").write_bytes(b"content")
@@ -185,33 +178,16 @@ def test_a_batch_writes_and_reads_nothing_elsewhere(
         except OutputError as err:
             outcomes[kind] = str(err)
         assert seen(home) == at_home, kind
-    is_unused, is_folder = place.endswith(".new"), place in {RECORDS, f"{RECORDS}/day", "day"}
+    is_folder = place in {RECORDS, f"{RECORDS}/day", "day"}
     sound = {"empty folder", "folder", "deep folder"} if is_folder else {"file", "hard link", "of another user"}
     for kind, outcome in outcomes.items():
         assert "\n" not in outcome
-        if is_unused or kind == "nothing" or kind in sound:
+        if kind == "nothing" or kind in sound:
             assert outcome == "done done", kind
         elif place in {TABLE, RECORDS, f"{RECORDS}/.lock"}:
             assert "expected" in outcome, kind
         else:
             assert outcome.startswith("failed done"), kind
-
-
-@pytest.mark.parametrize("place", ["mine.ckpt", ".mine.ckpt.part"])
-def test_the_state_of_a_training_is_written_nowhere_else(tmp_path: Path, home: Path, place: str) -> None:
-    at_home, network = seen(home), PillarNetwork(1)
-    optimiser = torch.optim.AdamW(network.parameters())
-    for kind, plant in KINDS.items():
-        (tmp_path / kind).mkdir()
-        plant(tmp_path / kind / place, home)
-        checkpoint = Checkpoint(tmp_path / kind / "mine.ckpt", "sandbox", 0)
-        if place != checkpoint.path.name or kind in {*PLAIN, "of another user"}:
-            checkpoint.save(network, optimiser, 7, 1.0)
-            assert checkpoint.load().step == 7
-        else:
-            with pytest.raises(OutputError, match="expected the name of a file to write, found"):
-                checkpoint.save(network, optimiser, 7, 1.0)
-        assert seen(home) == at_home, kind
 
 
 REFUSED = sorted({*KINDS} - PLAIN - {"of another user"})

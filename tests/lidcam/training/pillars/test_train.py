@@ -131,10 +131,8 @@ def save(checkpoint: Checkpoint, step: int) -> None:
         (None, "road", 9, "a training of --family road --seed 0, found --family sandbox --seed 0"),
         (None, "sandbox", 6, "is already at step 7; pass --steps 7 or more"),
         ({"step": -1}, "sandbox", 9, "expected the state of a training of .*, found 1 validation error"),
-        ({"history": ["x"]}, "sandbox", 9, "expected the state of a training of .*, found 1 validation error"),
-        ({"family": "moon"}, "sandbox", 9, "expected the state of a training of .*, found 1 validation error"),
-        ({"network": {}}, "sandbox", 9, "expected the state of such a training, found Error"),
-        ({"optimiser": {}}, "sandbox", 9, "expected the state of such a training, found 'param_groups'"),
+        ({"network": {}}, "sandbox", 9, "expected the state of a training of .*, found Error"),
+        ({"optimiser": {}}, "sandbox", 9, "expected the state of a training of .*, found 'param_groups'"),
     ],
 )
 def test_a_checkpoint_that_cannot_be_used(
