@@ -44,11 +44,6 @@ def test_a_file_on_a_server_is_not_read() -> None:
     assert found.provenance == {"name": "drive.mcap", "url": shown, "size": "1234", "etag": '"x"'}
 
 
-@pytest.mark.parametrize("size", ["", "unknown", "-1"])
-def test_a_server_that_says_no_size(size: str) -> None:
-    assert InputFile.unread(RemotePath("s3://bucket/drive.mcap", (("size", size),))).bytes is None
-
-
 def test_a_file_that_is_gone(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"drive.bag: expected a file that can be read: No such file"):
         read_input_file(tmp_path / "drive.bag")
@@ -72,8 +67,15 @@ def opened() -> Iterator[Callable[[Sequence[Location]], list[OpenedFile]]]:
 Opened = Callable[[Sequence[Location]], list[OpenedFile]]
 
 
-@pytest.mark.parametrize("sizes", [(), (0,), (1,), (BLOCK_BYTES,), (STEP_BYTES + 1,), (0, STEP_BYTES, 3, 0, 7)])
-@pytest.mark.parametrize("shares", [(), (0.0, 0.3, 0.3, 0.2, 0.9), (1.0,), (-1.0, 7.0)])
+@pytest.mark.parametrize(
+    ("sizes", "shares"),
+    [
+        ((), (1.0,)),
+        ((BLOCK_BYTES,), (-1.0, 7.0)),
+        ((STEP_BYTES + 1,), ()),
+        ((0, STEP_BYTES, 3, 0, 7), (0.0, 0.3, 0.3, 0.2, 0.9)),
+    ],
+)
 def test_the_same_as_file_by_file(
     tmp_path: Path, sizes: tuple[int, ...], shares: tuple[float, ...], opened: Opened
 ) -> None:
@@ -115,7 +117,7 @@ CHANGES: dict[str, Callable[[Path], object]] = {
 
 @pytest.mark.parametrize("with_checksums", [True, False])
 @pytest.mark.parametrize("change", CHANGES)
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("share", [0.0, 1.0])
 def test_a_file_that_is_changed_meanwhile(
     tmp_path: Path, change: str, share: float, with_checksums: bool, opened: Opened
 ) -> None:

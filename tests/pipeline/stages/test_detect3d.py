@@ -51,11 +51,9 @@ def assert_same(one: Boxes3D, other: Boxes3D) -> None:
     "truth",
     [
         pytest.param(car(12, 0), id="rear"),
-        pytest.param(car(0, 8), id="side"),
         pytest.param(car(9, 5), id="corner"),
         pytest.param(car(-8, -6, 0.6), id="behind, turned"),
-        pytest.param(car(6, -10, -1.2), id="turned"),
-        pytest.param(car(20, 7, 2.5), id="far"),
+        pytest.param(car(20, 7, 2.5), id="far, turned"),
     ],
 )
 def test_car_seen_by_one_lidar(truth: Box) -> None:
@@ -99,8 +97,7 @@ def test_turning_and_shifting_the_scene_turns_and_shifts_the_boxes(
     assert there.sizes[0] == pytest.approx(here.sizes[0], abs=0.25)
 
 
-@pytest.mark.parametrize("gap_m", [0.6, 1.0])
-@pytest.mark.parametrize("range_m", [7.0, 14.0])
+@pytest.mark.parametrize(("gap_m", "range_m"), [(0.6, 7.0), (1.0, 14.0)])
 def test_cars_parked_close_together_stay_apart(gap_m: float, range_m: float) -> None:
     step = 4.2 + gap_m
     row = [car(-step, range_m), car(0, range_m), car(step, range_m)]

@@ -113,12 +113,6 @@ def test_one_object_seen_by_two_cameras_is_proposed_once() -> None:
         assert len(found) == 1
 
 
-def test_second_2d_box_of_a_found_object_proposes_nothing() -> None:
-    boxes = seen_by(CAMERA, [CAR_BOX, CAR_BOX], [CAR, 3])
-    lidar, found = propose(cloud_of(CAR_BOX), None, {"cam": boxes}, CAMERA)
-    assert found is lidar
-
-
 def test_confirmed_box_is_not_replaced_by_what_another_camera_makes_of_it() -> None:
     # The other camera shows only a part of the car, too little for a match.
     other = camera_at("other", (0.0, 6.0, 3.0), yaw_deg=-10, pitch_deg=5)

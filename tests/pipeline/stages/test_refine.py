@@ -282,7 +282,7 @@ def test_a_moving_object_is_where_the_images_show_it_at_their_time() -> None:
     assert place(errors(found, at_its_time)).mean() < 0.7 * place(errors(ahead, when_seen)).mean()
 
 
-@pytest.mark.parametrize("turned_deg", [0.0, 40.0, 90.0, 140.0])
+@pytest.mark.parametrize("turned_deg", [0.0, 40.0, 90.0])
 def test_images_show_the_heading_of_riders_of_whom_points_do_not(turned_deg: float) -> None:
     near = []
     for seed in range(4):

@@ -274,25 +274,3 @@ def test_what_is_not_installed_is_named(
     monkeypatch.delitem(sys.modules["fsspec.registry"]._registry, protocol, raising=False)  # another test's
     reason = f"{protocol}:// needs a library that is not installed: pip install 'lidcam[{extra}]'"
     assert error_of(RemotePath(f"{protocol}://host/rec.mcap")) == f"{protocol}://host/rec.mcap: {reason}"
-
-
-@pytest.fixture
-def bucket(server: RangeServer, monkeypatch: pytest.MonkeyPatch, content: bytes) -> RangeServer:
-    """An S3 of this machine: for reading, it is a web server with paths of bucket and key."""
-    server.files["/bucket/minute.mcap"] = content
-    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "ada")
-    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "s3cret")
-    monkeypatch.setenv("AWS_DEFAULT_REGION", "eu-central-1")
-    monkeypatch.setenv("AWS_ENDPOINT_URL_S3", server.url)
-    return server
-
-
-def test_s3(bucket: RangeServer, minute: Path, content: bytes) -> None:
-    path = RemotePath("s3://bucket/minute.mcap")
-    assert taken(path, 30, 35) == taken(minute, 30, 35)
-    assert bucket.sent < 0.12 * len(content)
-    assert len(bucket.requests) < 15
-    with open_recording([path]) as recording:
-        (found,) = recording.paths
-    assert isinstance(found, RemotePath)
-    assert dict(found.facts).keys() == {"size", "etag", "last_modified"}

@@ -34,13 +34,6 @@ def times(found: SensorBundle) -> list[int]:
     return [one.log_time_ns for one in found.copied]
 
 
-def test_each_message_goes_with_the_first_frame_not_before_it() -> None:
-    stream = [message(topic, at) for at in range(4) for topic in ("/truth", "/sensor")]
-    stream += [message("/truth", 9), message("/other", 9)]
-    found = handed_on(CopiedMessages(("/truth",)), stream)
-    assert [times(one) for one in found] == [[0], [1], [2], [3, 9]]
-
-
 def test_what_is_read_ahead_of_a_frame_waits_for_its_own() -> None:
     stream = [message(topic, at) for at in range(6) for topic in ("/truth", "/sensor")]
     copied = CopiedMessages(("/truth",))

@@ -1,7 +1,6 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-import builders
 import numpy as np
 import pytest
 from hypothesis import given
@@ -87,19 +86,6 @@ def test_a_sweep_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     assert numbers(gathered(stream([7] * 7))) == [[0, 1, 2], [3, 4, 5], [6]]
 
 
-@pytest.mark.parametrize("name", ["VLP-16", "HDL-64E S2", "VLS-128"])
-@pytest.mark.parametrize("mode", [0x37, 0x39])
-def test_every_model(name: str, mode: int) -> None:
-    payload, stamps_ns = random_packets(name, mode=mode, packets=1200, start=1000, turn_hz=20.0)
-    sweeps = gathered(packet_stream(payload, stamps_ns))
-    packets = [parse_velodyne_scan(sweep) for sweep in sweeps]
-    assert np.array_equal(np.concatenate([p.payload for p in packets]), payload)
-    begins = [int(p.payload[0, 2:4].view("<u2")[0]) for p in packets[1:]]
-    assert max(begins) < 36_000 * 20 * (stamps_ns[1] - stamps_ns[0]) / 1e9 + 1
-    turns = (stamps_ns[-1] - stamps_ns[0]) / 50e6 + 1 / 36
-    assert len(sweeps) == int(turns) + 1
-
-
 # --- what a sweep is
 
 
@@ -114,19 +100,6 @@ def test_stamp_of_the_first_packet_and_log_time_of_the_last() -> None:
     assert (fields.header.frame_id, len(fields.packets)) == ("", 3)
     assert fields.header.stamp == fields.packets[0].stamp
     assert [p.data[1205] for p in fields.packets] == [0, 1, 2]
-
-
-@pytest.mark.parametrize("definitions", [True, False])
-@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
-def test_ros1_and_ros2_with_or_without_definition(encoding: builders.Encoding, definitions: bool) -> None:
-    payload, stamps_ns = random_packets("VLP-16", packets=5, start=0)
-    messages = packet_stream(payload, stamps_ns, encoding=encoding)
-    if not definitions:
-        messages = [m._replace(channel=replace(m.channel, definition="")) for m in messages]
-    [sweep] = gathered(messages)
-    packets = parse_velodyne_scan(sweep)
-    np.testing.assert_array_equal(packets.payload, payload)
-    np.testing.assert_array_equal(packets.stamps_ns, stamps_ns)
 
 
 # --- what cannot be used
