@@ -88,12 +88,6 @@ def test_object_without_points_stays_where_the_cameras_place_it() -> None:
     np.testing.assert_array_equal(found.centers[1], placed.centers[0])
 
 
-def test_object_that_nobody_can_place_is_left_out() -> None:
-    far = (90.0, 2.0, 0.775, 4.2, 1.75, 1.55, 0.2)
-    _, found = propose(cloud_of(OTHER), nothing(), {"cam": seen_by(CAMERA, [far], [CAR])}, CAMERA)
-    assert len(found) == 0
-
-
 def test_2d_boxes_that_propose_no_object_are_counted_by_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     far = (90.0, 2.0, 0.775, 4.2, 1.75, 1.55, 0.2)
     three = seen_by(CAMERA, [CAR_BOX, OTHER, far], [CAR] * 3)

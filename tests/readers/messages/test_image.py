@@ -163,6 +163,3 @@ def test_planar_yuv(encoding: str, row_padding: int) -> None:
 def test_contradictions_are_named(changes: dict[str, Any], match: str) -> None:
     with pytest.raises(MessageError, match=match):
         decode_image(changed(**changes))
-
-
-# --- choice by type

@@ -4,11 +4,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from evaluation_scenes import boxes3d, evaluated, truth3d
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.detection.counts import calibration_figures, count_figures, threshold_figures
 from lidcam.pipeline.evaluation.detection.curves import curve_of
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
 
 
 def plain_points(detections: list[tuple[float, bool]], truth: int) -> list[dict[str, float]]:
@@ -43,6 +46,17 @@ def test_equal_to_trying_every_threshold(rows: list[tuple[int, bool]], missed: i
         assert counts["f1"] == pytest.approx(points[-1]["f1"])
         assert counts["precision"] == pytest.approx(points[-1]["precision"])
     assert counts["best_f1_score"] == figures["best_f1"]["score"]
+
+
+def test_thresholds_by_source_and_class() -> None:
+    truth = truth3d([[10, 0, 1]], [[4, 2, 1.5]], [0.0], [0])
+    found = boxes3d([[10, 0, 1], [30, 0, 1]], np.full((2, 3), (4, 2, 1.5)), [0.0, 0.0], [0.75, 0.5], [0, 0])
+    thresholds = evaluated([EvaluationFrame(0, 0, truth, {"lidar": found})], Config())["thresholds"]["lidar"]
+    for name in ("car", "all"):
+        assert thresholds[name]["best_f1"] == {"score": 0.75, "precision": 1.0, "recall": 1.0, "f1": 1.0}
+        assert thresholds[name]["precision_50"]["score"] == 0.5
+        assert thresholds[name]["precision_90"]["score"] == 0.75
+    assert thresholds["bus"]["precision_50"]["score"] is None
 
 
 DETECTIONS = st.lists(st.tuples(st.floats(0, 1, width=32), st.booleans()), max_size=60)

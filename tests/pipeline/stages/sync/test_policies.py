@@ -142,16 +142,6 @@ def test_interleaving_of_topics_does_not_matter(
     assert result(shuffled) == result(arrivals)
 
 
-@policies
-@given(arrivals=any_stream, slop_ms=st.integers(0, 150))
-def test_sets_never_cross(name: PolicyName, arrivals: list[Arrival], slop_ms: int) -> None:
-    if name == "approximate_time":  # takes messages of one topic as they arrive, as ROS does
-        arrivals = sorted(arrivals, key=lambda arrival: arrival[1])
-    sets = stamps_ms(run_policy(make_policy(name, 3, queue_size=5, slop_ms=slop_ms), arrivals))
-    for earlier, later in itertools.pairwise(sets):
-        assert all(a <= b for a, b in zip(earlier, later, strict=True))
-
-
 # --- approximate_time
 
 

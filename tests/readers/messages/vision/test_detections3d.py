@@ -92,9 +92,6 @@ def test_boxes_that_cannot_be_used_are_counted() -> None:
     assert dict(found.unused) == {"box without a heading": 4, "box without a volume or not finite": 6}
 
 
-# --- older layouts
-
-
 # --- ids as numbers
 
 
