@@ -126,7 +126,6 @@ def status(number: int) -> dict[str, Any]:
     ("changes", "told"),
     [
         (status(404), "no such file (HTTP 404); check the address"),
-        (status(410), "no such file (HTTP 410); check the address"),
         ({"drops": 10**6}, LOST),
         ({"failures": 10**6}, LOST),
         ({"too_many": -5}, LOST),
@@ -157,7 +156,6 @@ def test_a_server_that_goes_wrong_is_told_in_one_line(server: RangeServer, chang
         (status(418), "HTTP 418; try again later, or download it, and read the copy"),
         (status(500), "it cannot be opened (HTTP 500, 4 attempts); check the network, and try again"),
         ({"gives_ranges": False, "says_so": True}, f"{NO_RANGES} download it, and read the copy"),
-        ({"gives_ranges": False, "says_so": False}, f"{NO_RANGES} download it, and read the copy"),
     ],
 )
 def test_a_server_that_refuses(server: RangeServer, changes: dict[str, Any], expected: str) -> None:
@@ -254,12 +252,10 @@ def test_other_formats_are_to_be_downloaded(server: RangeServer, begin: bytes, k
 @pytest.mark.parametrize(
     ("url", "expected"),
     [
-        ("http://", "its address cannot be used; check the address"),
         ("http://[bad/rec.mcap", "its address cannot be used; check the address"),
         ("https://host:99999/rec.mcap", "its address cannot be used; check the address"),
         ("ftp://host/a.mcap", "ftp://host/a.mcap: lidcam reads https://, http:// and s3://, found ftp://"),
         ("x://a:s3cret@host/a.mcap", "x://host/a.mcap: lidcam reads https://, http:// and s3://, found x://"),
-        ("nosuch://host/a.mcap", "a.mcap: lidcam reads https://, http:// and s3://, found nosuch://"),
     ],
 )
 def test_addresses_that_lead_nowhere(url: str, expected: str) -> None:

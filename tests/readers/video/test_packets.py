@@ -6,26 +6,12 @@ from typing import Any
 import pytest
 from builders import header, serialize, store_for
 from rosbags.typesys import get_types_from_msg
-from video import CODECS, T0, compressed_video, encode, ffmpeg, ffmpeg_packet, foxglove, moving
+from video import T0, compressed_video, ffmpeg_packet
 
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.readers.messages.header_stamp import stamp_or_log_time
 from lidcam.readers.video.packets import FFMPEG_PACKET, read_packet
-
-FOXGLOVE = ("h264", "h265", "vp9", "av1")
-
-
-@pytest.mark.parametrize(("kind", "encoding"), [*((kind, "cdr") for kind in CODECS), ("h264", "ros1"), ("vp8", "ros1")])
-def test_key_frames_are_those_of_the_encoder(kind: str, encoding: Any) -> None:
-    packets = encode(moving(7), kind, gop=3)
-    assert kind == "mjpeg" or 2 <= sum(packet.is_key for packet in packets) < 7
-    messages = (foxglove if kind in FOXGLOVE else ffmpeg)(packets, kind, encoding=encoding)
-    read = [read_packet(message) for message in messages]
-    assert [packet.is_key for packet in read] == [packet.is_key for packet in packets]
-    assert {packet.codec for packet in read} == {CODECS[kind][0]}
-    assert {packet.frame_id for packet in read} == {"camera"}
-    assert [packet.data.tobytes() for packet in read] == [packet.data for packet in packets]
 
 
 @pytest.mark.parametrize(
