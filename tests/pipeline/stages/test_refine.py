@@ -318,7 +318,7 @@ def test_no_boxes() -> None:
     assert len(fitted(rig, hypotheses, seen)) == 0
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1])
 def test_a_box_beside_a_camera_whose_edges_the_border_cuts(seed: int) -> None:
     random, camera, count = np.random.default_rng(seed), forward_camera(), 60
     size = np.column_stack([random.uniform(1, 12, count), random.uniform(0.5, 2.6, count), random.uniform(1, 3, count)])

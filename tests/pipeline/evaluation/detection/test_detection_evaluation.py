@@ -111,18 +111,6 @@ def test_the_wrong_class_is_a_miss_and_a_false_detection_and_both_are_told() -> 
     }
 
 
-def test_confusion_counts_every_object_and_every_detection_once() -> None:
-    rng = np.random.default_rng(1)
-    n, m = 40, 60
-    true = truth(*rng.uniform(-15, 15, (n, 2)), class_ids=rng.integers(0, 2, n), is_ignored=rng.random(n) < 0.1)
-    boxes = found(*np.column_stack([rng.uniform(-15, 15, (m, 2)), rng.random(m)]), class_ids=rng.integers(0, 2, m))
-    everything = figures(true, boxes)["all"]
-    rows = everything["confusion"]["labels"].values()
-    found_as = sum(sum(row["found_as"].values()) for row in rows)
-    assert found_as + sum(row["missed"] for row in rows) == everything["truth"]
-    assert found_as + sum(everything["confusion"]["nothing"].values()) == everything["found"] - everything["ignored"]
-
-
 def test_errors_of_a_turned_object() -> None:
     # it looks to +y and is found 0.3 m ahead, 0.1 m to its left, 0.2 m too high, longer, and turned by 170 degrees
     true = truth3d([[10, 0, 1]], [[4, 2, 1.5]], [np.pi / 2], [CAR])
