@@ -93,6 +93,16 @@ zones: {}
     )
 
 
+def test_what_is_still_to_do_is_told(tmp_path: Path) -> None:
+    found = discover_rig(MemoryRecording(UNCALIBRATED), Config(), read(draft(UNCALIBRATED), tmp_path))
+    assert [lidar.name for lidar in found.rig.lidars] == ["velodyne1"]
+    assert reasons(found) == {
+        "velodyne2": "extrinsics are still TODO in rig.yaml",
+        "cam11": "intrinsics and extrinsics are still TODO in rig.yaml",
+        "cam12": "intrinsics and extrinsics are still TODO in rig.yaml",
+    }
+
+
 def test_a_completed_draft_is_a_rig(tmp_path: Path) -> None:
     text = draft(UNCALIBRATED)
     given = {"K": f"K: {K.tolist()}", "T_site_lidar": "translation_m: [1, 2, 3]", "T_camera_site": "rpy_deg: [0, 0, 9]"}

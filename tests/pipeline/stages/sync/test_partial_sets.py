@@ -147,6 +147,15 @@ def test_the_next_lidar_is_the_reference_then_a_camera_until_the_first_is_back()
     assert len(bundles) == 40
 
 
+@policies
+def test_what_a_frame_lacks_is_told_by_reason(policy: Any) -> None:
+    messages = recorded({"/cam0": until(1), "/cam1": lambda stamp_s: not 1.45 < stamp_s < 1.55})
+    bundles, _, _ = run(messages, SyncConfig(policy=policy))
+    assert bundles[5].missing == {}
+    assert bundles[15].missing == {"/cam0": Missing.SILENT, "/cam1": Missing.NOT_NEAR}
+    assert bundles[16].missing == {"/cam0": Missing.SILENT}
+
+
 def test_a_required_topic_that_lost_one_message_costs_that_frame() -> None:
     bundles, drops, stats = run(recorded({"/lidar1": lambda stamp_s: not 1.45 < stamp_s < 1.55}))
     assert len(bundles) == 29
