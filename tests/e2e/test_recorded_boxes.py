@@ -11,6 +11,7 @@ from helpers import CLUSTERS
 from object_messages import Recorded, boxes_message, objects_message
 from results import fused_objects, topics_of
 from rich.console import Console
+from summaries import printed
 
 from lidcam.cli.printing.console import print_inspection
 from lidcam.inspection import inspect_recording
@@ -22,7 +23,7 @@ from lidcam.readers.messages.vision.detections3d import decode_detections3d
 from lidcam.readers.open import open_recording
 from lidcam.run.choice import SettingsChoice
 from lidcam.run.job import make_job
-from lidcam.run.summary import RunSummary
+from lidcam.run.summary import RunSummary, summary_tree
 
 SECONDS = 0.5
 SMALL = ("output.images=false", "output.clouds=false", "output.layout=false", "fuse.min_score=0")
@@ -151,6 +152,9 @@ def test_two_detectors_on_a_vehicle_without_clouds(tmp_path: Path) -> None:
         np.testing.assert_allclose(np.array(rows)[:, :2], expected, atol=1e-6)
     kinds = {one.label for objects in fused_objects(tmp_path / "out.mcap").values() for one in objects}
     assert kinds == {"car", "bus"}
+    assert summary.inputs.messages_used[DETECTOR] == summary.frames.count
+    assert re.search(rf"3D boxes +recorded from {DETECTOR}, /other$", printed(summary), re.MULTILINE)
+    assert summary_tree(summary)["boxes3d_topics"] == [DETECTOR, "/other"]
 
 
 def test_the_user_is_told_what_to_set(tmp_path: Path) -> None:

@@ -84,3 +84,20 @@ def test_inspect_looks_at_the_beginning(lidcam: Lidcam, recording: Path, server:
     done = lidcam("inspect", url)
     assert "only the first 5 s were examined, but for the counts: the files are on a server" in done.out
     assert "s3cret" not in done.out + done.err
+
+
+def test_repair_reads_all_of_it(lidcam: Lidcam, server: RangeServer, url: str, tmp_path: Path) -> None:
+    content = server.files["/drives/rec.mcap"]
+    server.files["/drives/rec.mcap"] = content[: len(content) // 4]
+    done = lidcam("inspect", url, "--repair", tmp_path / "whole.mcap")
+    assert done.code == 3, done.err
+    assert "no more is looked at" not in done.out
+    assert "all of it is fetched, 6.9 MB" in done.err
+    with (tmp_path / "whole.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+        (record,) = [record.metadata for record in make_reader(file).iter_metadata() if "file" in record.metadata]
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count > 0.2 * MESSAGES
+    assert record["file"] == "rec.mcap"
+    assert "s3cret" not in done.out + done.err
