@@ -44,6 +44,11 @@ def test_a_file_on_a_server_is_not_read() -> None:
     assert found.provenance == {"name": "drive.mcap", "url": shown, "size": "1234", "etag": '"x"'}
 
 
+@pytest.mark.parametrize("size", ["", "unknown", "-1"])
+def test_a_server_that_says_no_size(size: str) -> None:
+    assert InputFile.unread(RemotePath("s3://bucket/drive.mcap", (("size", size),))).bytes is None
+
+
 def test_a_file_that_is_gone(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"drive.bag: expected a file that can be read: No such file"):
         read_input_file(tmp_path / "drive.bag")

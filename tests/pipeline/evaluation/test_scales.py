@@ -5,11 +5,22 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
 from lidcam.pipeline.evaluation.scales import (
     is_flip,
+    length_scales,
     nuscenes_ranges_m,
     range_edges_m,
     range_names,
     range_rows,
 )
+
+NUSCENES = Config(evaluate=EvaluateConfig(distances="nuscenes"))
+
+
+def test_distances_are_as_long_as_the_class() -> None:
+    names = Config().class_names
+    scales = dict(zip(names, length_scales(Config()), strict=True))
+    assert scales["car"] == 1
+    assert scales["pedestrian"] == pytest.approx(0.15)
+    assert set(length_scales(NUSCENES)) == {1.0}
 
 
 def test_nuscenes_evaluates_its_own_classes_up_to_a_range() -> None:

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
-from lidcam.pipeline.evaluation.true_motion import ground_poses, ground_turns, true_velocities
+from lidcam.pipeline.evaluation.true_motion import ground_poses, ground_turns, has_moved, true_velocities
 
 STEP_NS = 100_000_000
 
@@ -50,6 +50,19 @@ def test_an_object_seen_from_a_site_that_drives_and_turns() -> None:
     assert_allclose(ground_turns(in_site, frames, sites, 7), found[:, :2], atol=1e-9)
 
 
+def test_where_the_site_is_not_known_nothing_is() -> None:
+    frames = np.array([0, 1], np.int32)
+    poses = ground_poses(np.ones((2, 3)), np.zeros(2), frames, [None, np.eye(4)], 0)
+    assert np.isnan(poses[0]).all()
+    assert_array_equal(poses[1], [1, 1, 0])
+    assert len(ground_poses(np.ones((0, 3)), np.zeros(0), frames[:0], [None], 0)) == 0
+
+
+def test_headings_go_on_through_half_a_turn() -> None:
+    found = velocities([0, 1, 2], [(0, 0, 3.1), (0, 0, np.pi), (0, 0, -3.1)], [1] * 3, [0, STEP_NS, 2 * STEP_NS])
+    assert found[1, 2] == pytest.approx((2 * np.pi - 6.2) / 0.2)
+
+
 @pytest.mark.parametrize(
     ("frames", "tracks", "stamps_ns"),
     [
@@ -67,3 +80,28 @@ def test_an_object_seen_from_a_site_that_drives_and_turns() -> None:
 )
 def test_what_has_no_velocity(frames: list[int], tracks: list[int], stamps_ns: list[int]) -> None:
     assert np.isnan(velocities(frames, [(0, 0, 0)] * len(frames), tracks, stamps_ns)).all()
+
+
+def test_what_moves_and_what_stands() -> None:
+    """Class 0 is 4 m long, class 1 is 1 m; of track 5 both have one, and the place of one row is not known."""
+    rows = [
+        # class, track, x, y, moves, stands
+        (0, 5, 0.0, 0.0, False, True),
+        (1, 5, 0.0, 0.0, True, False),
+        (0, 5, 2.8, 2.8, False, True),
+        (1, 5, 0.8, 0.8, True, False),
+        (0, 6, 0.0, 9.0, True, False),
+        (0, 6, 3.0, 12.0, True, False),
+        (0, 6, np.nan, 0.0, False, False),
+        (0, UNKNOWN, 0.0, 0.0, False, False),
+        (0, UNKNOWN, 99.0, 0.0, False, False),
+        (UNKNOWN, 7, 0.0, 0.0, False, False),
+    ]
+    for some in (rows, rows[:1], [], rows[::-1]):
+        table = np.array(some, np.float64).reshape(-1, 6)
+        poses = np.column_stack([table[:, 2:4], np.zeros(len(table))])
+        moves, stands = has_moved(
+            table[:, 0].astype(np.int32), table[:, 1].astype(np.int64), poses, np.array([4.0, 1.0])
+        )
+        assert_array_equal(moves, table[:, 4] == 1)
+        assert_array_equal(stands, table[:, 5] == 1)

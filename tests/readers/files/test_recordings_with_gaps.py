@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 import pytest
-from builders import detection2d_array, odometry, raw, write_rosbag1, write_rosbag2
+from builders import detection2d_array, odometry, raw, store_for, write_rosbag1, write_rosbag2
 
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
@@ -43,6 +43,18 @@ def test_the_same_messages(
         assert {info.channel.definition != "" for info in recording.topics} == {definitions}
     assert [(m.topic, m.stamp_ns, bytes(m.data)) for m in got] == [(m.topic, m.stamp_ns, m.data) for m in recorded()]
     assert [repr(deserialize(m)) for m in got] == [repr(deserialize(m)) for m in recorded()]
+
+
+def test_a_hash_tells_that_the_known_type_is_another_one(tmp_path: Path) -> None:
+    write_rosbag2(tmp_path / "rec", recorded(), definitions=False)
+    path = tmp_path / "rec" / "rec.db3"
+    known = store_for("cdr").hash_rihs01(ODOMETRY)
+    path.write_bytes(path.read_bytes().replace(known.encode(), b"RIHS01_" + b"0" * 64))
+    with open_recording([path]) as recording:
+        messages = {m.topic: m for m in recording.messages()}
+    assert deserialize(messages["/boxes"]).header.frame_id == "camera"
+    with pytest.raises(MessageError, match=r"/odom: .*no definition of nav_msgs/msg/Odometry.*RIHS01_000"):
+        deserialize(messages["/odom"])
 
 
 @pytest.mark.parametrize("compression", ["none", "lz4"])

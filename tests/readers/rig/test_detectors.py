@@ -118,6 +118,19 @@ def test_the_frame_in_which_the_site_moves(frame: str) -> None:
     assert found.sources[1].extrinsics == f"motion of base_link in {frame}"
 
 
+def test_a_forest_of_frames_is_joined_as_tf_joins_it() -> None:
+    rng = np.random.default_rng(2)
+    edges = [(f"f{rng.integers(0, k)}", f"f{k}", tuple(rng.normal(size=3))) for k in range(1, 40)]
+    others = [("x0", "x1", (1, 0, 0)), ("c0", "c1", (1, 0, 0)), ("c1", "c0", (1, 0, 0))]
+    messages = [static(*edges, *others), cloud(frame="f7"), boxes(frame="f30")]
+    found = discover(messages, rig={"site_frame": "f20"})
+    (detector,) = found.rig.detectors
+    assert {*detector.T_site_frame} == {f"f{k}" for k in range(40)}
+    for frame, pose in detector.T_site_frame.items():
+        expected = found.transforms.lookup("f20", frame)
+        np.testing.assert_allclose(pose.matrix, expected.matrix, atol=1e-12)
+
+
 # --- recordings without clouds
 
 

@@ -34,6 +34,22 @@ def times(found: SensorBundle) -> list[int]:
     return [one.log_time_ns for one in found.copied]
 
 
+def test_each_message_goes_with_the_first_frame_not_before_it() -> None:
+    stream = [message(topic, at) for at in range(4) for topic in ("/truth", "/sensor")]
+    stream += [message("/truth", 9), message("/other", 9)]
+    found = handed_on(CopiedMessages(("/truth",)), stream)
+    assert [times(one) for one in found] == [[0], [1], [2], [3, 9]]
+
+
+def test_what_is_read_ahead_of_a_frame_waits_for_its_own() -> None:
+    stream = [message(topic, at) for at in range(6) for topic in ("/truth", "/sensor")]
+    copied = CopiedMessages(("/truth",))
+    read = list(copied.tap(stream, {"/sensor"}))  # synchronisation may read far ahead
+    bundles = [bundle(k, one.log_time_ns) for k, one in enumerate(read)]
+    found = list(copied.handed_on(bundles, MemoryRecording(stream), None))
+    assert [times(one) for one in found] == [[at] for at in range(6)]
+
+
 def test_where_the_recorders_time_jumps_back_nothing_waits_for_the_old_time() -> None:
     stream = [message(topic, at) for at in (7, 8, 9, 1, 2, 3) for topic in ("/truth", "/sensor")]
     copied = CopiedMessages(("/truth",))

@@ -1,6 +1,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
+import builders
 import numpy as np
 import pytest
 from hypothesis import given
@@ -100,6 +101,19 @@ def test_stamp_of_the_first_packet_and_log_time_of_the_last() -> None:
     assert (fields.header.frame_id, len(fields.packets)) == ("", 3)
     assert fields.header.stamp == fields.packets[0].stamp
     assert [p.data[1205] for p in fields.packets] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("definitions", [True, False])
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+def test_ros1_and_ros2_with_or_without_definition(encoding: builders.Encoding, definitions: bool) -> None:
+    payload, stamps_ns = random_packets("VLP-16", packets=5, start=0)
+    messages = packet_stream(payload, stamps_ns, encoding=encoding)
+    if not definitions:
+        messages = [m._replace(channel=replace(m.channel, definition="")) for m in messages]
+    [sweep] = gathered(messages)
+    packets = parse_velodyne_scan(sweep)
+    np.testing.assert_array_equal(packets.payload, payload)
+    np.testing.assert_array_equal(packets.stamps_ns, stamps_ns)
 
 
 # --- what cannot be used

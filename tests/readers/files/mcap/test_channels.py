@@ -72,3 +72,20 @@ def recorded(encoding: str, schema: str, name: str, data: bytes = b"", **metadat
 )
 def test_channels(found: Any, expected: Channel) -> None:
     assert found == expected
+
+
+@pytest.mark.parametrize(
+    ("encoding", "schema", "name", "says"),
+    [
+        ("protobuf", "protobuf", "foxglove.SceneUpdate", "protobuf encoding, protobuf schema foxglove.SceneUpdate"),
+        ("json", "jsonschema", "Speed", "json encoding, jsonschema schema Speed"),
+        ("flatbuffer", "flatbuffer", "foxglove.RawImage", "flatbuffer encoding"),
+        ("cdr", "ros1msg", ODOMETRY, "cdr encoding, ros1msg schema"),
+        ("", "", "", "no encoding"),
+    ],
+)
+def test_channels_that_cannot_be_read(encoding: str, schema: str, name: str, says: str) -> None:
+    found = recorded(encoding, schema, name)
+    assert isinstance(found, str)
+    assert says in found
+    assert "lidcam reads cdr" in found

@@ -6,6 +6,7 @@ from builders import odometry, raw, write_rosbag2
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.open import open_recording
 from lidcam.readers.recording import ReadOptions
 
@@ -39,6 +40,23 @@ def stamps(path: Path) -> list[int]:
 def test_order_without_an_index_on_the_time(database: Path) -> None:
     change(database, "DROP INDEX IF EXISTS timestamp_idx")
     assert stamps(database) == [4, 1, 0, 2, 3]
+
+
+def test_databases_before_definitions_were_recorded(database: Path) -> None:
+    """Schema version 1 (Dashing): no qos, no definitions; the type is a common one."""
+    change(
+        database,
+        "DROP TABLE schema",
+        "DROP TABLE message_definitions",
+        "ALTER TABLE topics DROP COLUMN type_description_hash",
+        "ALTER TABLE topics DROP COLUMN offered_qos_profiles",
+        "UPDATE topics SET serialization_format = ''",
+    )
+    assert stamps(database.parent) == [4, 1, 0, 2, 3]
+    with open_recording([database]) as recording:
+        message = next(recording.messages())
+    assert message.channel.definition == ""
+    assert deserialize(message).child_frame_id == "base_link"
 
 
 def test_other_serialisations_are_listed_with_the_reason(database: Path) -> None:
