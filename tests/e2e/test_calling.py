@@ -86,9 +86,7 @@ def test_verbose_and_a_log_file(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -
     assert "run.log/out.mcap: cannot be written" in lines[-1]
 
 
-@pytest.mark.parametrize(
-    "command", ["", "process", "inspect", "evaluate", "simulate", "drive", "config", "config show"]
-)
+@pytest.mark.parametrize("command", ["", "process", "inspect", "evaluate", "drive", "config"])
 def test_help(lidcam: Lidcam, command: str) -> None:
     done = lidcam(*command.split(), "-h")
     assert (done.code, done.out) == (0, lidcam(*command.split(), "--help").out)

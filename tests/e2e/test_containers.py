@@ -7,10 +7,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from builders import image, in_order, raw, write_mcap, write_rosbag1
+from builders import image, in_order, raw, write_rosbag1
 from combined_messages import CAMERAS, CLOUDS, combined
 from command import Lidcam
-from foxglove_messages import twin
 from helpers import CLUSTERS
 from results import Found, fused_objects, messages_of, stamp_of, topics_of
 
@@ -81,24 +80,3 @@ def test_combined_messages_of_the_original(
     pixels = {message.stamp_ns: deserialize(message).data for message in recorded}
     assert len(images) == len(objects)
     assert all(np.array_equal(one.data, pixels[stamp_of(one)]) for one in images)
-
-
-def test_foxglove_schemas(
-    first_messages: Sensors,
-    expected: tuple[Objects, Path],
-    process: Process,
-    tmp_path: Path,
-) -> None:
-    """Clouds, images, calibration and transforms in Foxglove's schemas beside recorded boxes of ROS 1."""
-    path = tmp_path / "protobuf.mcap"
-    twins = [twin(message, "protobuf") for topic in first_messages.values() for message in topic]
-    assert {m.channel.encoding for m in twins} == {"protobuf", "ros1"}
-    write_mcap(path, in_order(twins), "zstd", profile="")
-    objects, out = process(path)
-    assert objects == expected[0]
-    for topic in ("/cam11/image/compressed", "/cam44/image/compressed"):
-        images, known = (
-            [(log, m.header.stamp, m.header.frame_id, m.format, m.data.tobytes()) for log, m in messages_of(p, topic)]
-            for p in (out, expected[1])
-        )
-        assert repr(images) == repr(known)

@@ -44,8 +44,9 @@ INPUTS: dict[str, tuple[Callable[[Path], Path], str]] = {
 }
 
 
-@pytest.mark.parametrize("command", ["process", "inspect"])
-@pytest.mark.parametrize("case", INPUTS)
+@pytest.mark.parametrize(
+    ("command", "case"), [*(("process", case) for case in INPUTS), ("inspect", "empty file"), ("inspect", "no lidar")]
+)
 def test_bad_recording(lidcam: Lidcam, tmp_path: Path, case: str, command: str) -> None:
     make, words = INPUTS[case]
     folder = tmp_path / "in"

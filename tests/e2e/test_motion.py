@@ -61,14 +61,6 @@ def as_odometry() -> list[RawMessage]:
     return found
 
 
-def as_tf() -> list[RawMessage]:
-    found = []
-    for stamp_ns, place, xyzw in poses():
-        edge = transform_stamped("odom", "base_link", stamp_ns=stamp_ns, translation=place, rotation_xyzw=xyzw)
-        found.append(raw("/tf", TF, tf_message([edge]), stamp_ns, stamp_ns + LATE_NS, "ros1"))
-    return found
-
-
 @pytest.fixture(scope="module")
 def process(lidcam: Lidcam, tmp_path_factory: pytest.TempPathFactory) -> Process:
     """Record the drive and process it."""
@@ -87,10 +79,10 @@ def process(lidcam: Lidcam, tmp_path_factory: pytest.TempPathFactory) -> Process
     return run
 
 
-@pytest.fixture(scope="module", params=[as_odometry, as_tf])
-def moved(request: pytest.FixtureRequest, process: Process) -> Path:
-    """What becomes of the drive, whose motion is recorded in one of two ways."""
-    return process(request.param())
+@pytest.fixture(scope="module")
+def moved(process: Process) -> Path:
+    """What becomes of the drive."""
+    return process(as_odometry())
 
 
 def clouds_of(path: Path) -> dict[int, F64]:

@@ -202,22 +202,6 @@ def test_a_batch_from_and_to_a_bucket(lidcam: Lidcam, fleet: Fleet, store: Objec
     assert store.left == 1  # it was not made again
 
 
-def test_keys_choose_no_place_of_a_batch(lidcam: Lidcam, fleet: Fleet, drive: Path, tmp_path: Path) -> None:
-    (tmp_path / "package.json").write_text("mine", encoding="utf-8")
-    for key in (f"/{tmp_path}/package", "../package", "a/../../package", "day/drive"):
-        fleet[f"logs/{key}.mcap"] = drive.read_bytes()
-    run = lidcam("batch", "s3://fleet/logs", "--out", tmp_path / "out" / "in", *SHORT, "--json")
-    assert run.code == 1
-    assert "3 of 4 recordings failed" in run.error_line
-    assert sorted(job["state"] for job in json.loads(run.out)["jobs"]) == ["done", *["failed"] * 3]
-    assert "its results cannot have its name: expected plain names between slashes" in run.error_line
-    assert (tmp_path / "package.json").read_text(encoding="utf-8") == "mine"
-    made = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
-    records = {f"out/in/.lidcam-batch/{name}" for name in (".lock", "day/drive.json", "day/drive.lock")}
-    results = {f"out/in/{name}" for name in ("_jobs.parquet", "day/drive.mcap", "day/drive.foxglove.json")}
-    assert made == {"package.json", *records, *results}
-
-
 def test_recordings_of_a_bucket(fleet: Fleet, drive: Path) -> None:
     messages = small_drive("cdr", frames=9)
     for number, part in enumerate((messages[: len(messages) // 2], messages[len(messages) // 2 :])):

@@ -13,7 +13,6 @@ from command import Lidcam, Run
 from helpers import CLUSTERS
 from mcap.reader import make_reader
 from results import fused_objects, messages_of, stamp_of, topics_of
-from rosbags.convert import convert
 from rosbags.highlevel import AnyReader
 
 TOPICS = {
@@ -129,32 +128,6 @@ def test_stamps_rise_and_log_times_are_those_of_the_reference(whole: Path, sandb
             message: Any = reader.deserialize(data, connection.msgtype)
             reference[stamp_of(message)] = log_ns
     assert [reference[stamp_ns] for stamp_ns in stamps] == logged
-
-
-def test_same_objects_from_ros2(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "bag"
-    convert(  # rosbags' own conversion, not ours
-        [sandbox],
-        folder,
-        dst_storage="sqlite3",
-        dst_version=9,
-        compress=None,
-        compress_mode="file",
-        default_typestore=None,
-        typestore=None,
-        exclude_topics=(),
-        include_topics=(),
-        exclude_msgtypes=(),
-        include_msgtypes=(),
-    )
-    found = []
-    options = ("--config", "sandbox", "--set", CLUSTERS, "--duration", "0.6")
-    for number, recording in enumerate((sandbox, folder)):
-        run = lidcam("process", recording, out := tmp_path / f"{number}.mcap", *options)
-        assert run.code == 0, run.err
-        found.append(fused_objects(out))
-    assert len(found[0]) >= 4
-    assert [*found[0].items()] == [*found[1].items()]
 
 
 def test_json_summary_and_same_bytes_with_any_name(process: Process, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from builders import in_order, odometry, raw, write_mcap, write_rosbag1
 from helpers import CLUSTERS
 from object_messages import Recorded, boxes_message, objects_message
-from results import Found, fused_objects, topics_of
+from results import fused_objects, topics_of
 from rich.console import Console
 from summaries import printed
 
@@ -92,26 +92,6 @@ def same(one: dict[int, list[list[float]]], other: dict[int, list[list[float]]])
         np.testing.assert_allclose(rows, other[stamp_ns], rtol=0, atol=1e-6)
 
 
-def test_lidcams_own_boxes_given_back_make_the_same_objects(clusters: Path, sandbox: Path, tmp_path: Path) -> None:
-    source = write(tmp_path / "in.bag", of_sandbox(sandbox), given_back(clusters))
-    summary = process(source, tmp_path / "out.mcap", *RECORDED, "track.mode=none", config="sandbox")
-    same(lidar_boxes(clusters), lidar_boxes(tmp_path / "out.mcap"))
-    expected, found = fused_objects(clusters), fused_objects(tmp_path / "out.mcap")
-    assert [*expected] == [*found]
-    for stamp_ns, objects in expected.items():
-        assert [one.label for one in objects] == [one.label for one in found[stamp_ns]]
-        # A message does not say when the points of each box were measured, which the fit to the images asks for.
-        np.testing.assert_allclose(places(found[stamp_ns]), places(objects), atol=0.03)
-    assert (summary.frames.without_boxes3d, dict(summary.drops.boxes3d)) == (0, {})
-    assert summary.inputs.messages_used[DETECTOR] == summary.frames.count
-    assert re.search(rf"3D boxes +recorded from {DETECTOR}$", printed(summary), re.MULTILINE)
-    assert summary_tree(summary)["boxes3d_topics"] == [DETECTOR]
-
-
-def places(objects: list[Found]) -> list[list[float]]:
-    return [[one.x, one.y, one.z, one.length, one.width, one.height] for one in objects]
-
-
 def test_boxes_of_lidars_and_cameras_without_any_cloud(
     clusters: Path, sandbox: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -172,6 +152,9 @@ def test_two_detectors_on_a_vehicle_without_clouds(tmp_path: Path) -> None:
         np.testing.assert_allclose(np.array(rows)[:, :2], expected, atol=1e-6)
     kinds = {one.label for objects in fused_objects(tmp_path / "out.mcap").values() for one in objects}
     assert kinds == {"car", "bus"}
+    assert summary.inputs.messages_used[DETECTOR] == summary.frames.count
+    assert re.search(rf"3D boxes +recorded from {DETECTOR}, /other$", printed(summary), re.MULTILINE)
+    assert summary_tree(summary)["boxes3d_topics"] == [DETECTOR, "/other"]
 
 
 def test_the_user_is_told_what_to_set(tmp_path: Path) -> None:

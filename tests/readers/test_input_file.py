@@ -72,8 +72,15 @@ def opened() -> Iterator[Callable[[Sequence[Location]], list[OpenedFile]]]:
 Opened = Callable[[Sequence[Location]], list[OpenedFile]]
 
 
-@pytest.mark.parametrize("sizes", [(), (0,), (1,), (BLOCK_BYTES,), (STEP_BYTES + 1,), (0, STEP_BYTES, 3, 0, 7)])
-@pytest.mark.parametrize("shares", [(), (0.0, 0.3, 0.3, 0.2, 0.9), (1.0,), (-1.0, 7.0)])
+@pytest.mark.parametrize(
+    ("sizes", "shares"),
+    [
+        ((), (1.0,)),
+        ((BLOCK_BYTES,), (-1.0, 7.0)),
+        ((STEP_BYTES + 1,), ()),
+        ((0, STEP_BYTES, 3, 0, 7), (0.0, 0.3, 0.3, 0.2, 0.9)),
+    ],
+)
 def test_the_same_as_file_by_file(
     tmp_path: Path, sizes: tuple[int, ...], shares: tuple[float, ...], opened: Opened
 ) -> None:
@@ -115,7 +122,7 @@ CHANGES: dict[str, Callable[[Path], object]] = {
 
 @pytest.mark.parametrize("with_checksums", [True, False])
 @pytest.mark.parametrize("change", CHANGES)
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("share", [0.0, 1.0])
 def test_a_file_that_is_changed_meanwhile(
     tmp_path: Path, change: str, share: float, with_checksums: bool, opened: Opened
 ) -> None:

@@ -1,13 +1,4 @@
-from hypothesis import given
-from hypothesis import strategies as st
-
 from lidcam.readers.natural_order import natural_key
-
-
-@given(st.lists(st.text(), unique=True))
-def test_natural_order_is_total(names: list[str]) -> None:
-    backwards = names[::-1]
-    assert sorted(names, key=natural_key) == sorted(backwards, key=natural_key)
 
 
 def test_natural_order_counts() -> None:

@@ -72,6 +72,12 @@ ROS2_KINDS = ["mcap-none", "mcap-lz4", "mcap-zstd", "loose"]
 ROS2_KINDS += [f"folder:sqlite3-{compressed}" for compressed in ("none", "message", "file")]
 ROS2_KINDS += [f"folder:mcap-{compressed}" for compressed in ("none", "storage", "message", "file")]
 KINDS = [*((kind, "ros1") for kind in ROS1_KINDS), *((kind, "cdr") for kind in ROS2_KINDS)]
+KINDS_OF_INDEX = [
+    (kind, encoding)
+    for kind, encoding in KINDS
+    if kind in {"bag-lz4", "mcap-zstd", "loose", "folder:sqlite3-none", "folder:mcap-message", "folder:mcap-file"}
+]
+"""One of each way in which a window is found."""
 
 
 @pytest.mark.parametrize(("kind", "encoding"), KINDS)
@@ -91,7 +97,7 @@ def test_every_container_gives_the_messages_back(tmp_path: Path, kind: str, enco
     assert [deserialize(m).header.frame_id for m in got[:2]] == ["odom", "camera"]
 
 
-@pytest.mark.parametrize(("kind", "encoding"), KINDS)
+@pytest.mark.parametrize(("kind", "encoding"), KINDS_OF_INDEX)
 def test_window_and_topics(tmp_path: Path, kind: str, encoding: Literal["ros1", "cdr"]) -> None:
     messages = drive(encoding)
     path = write(tmp_path, kind, messages)
@@ -105,7 +111,7 @@ def test_window_and_topics(tmp_path: Path, kind: str, encoding: Literal["ros1", 
     assert read(path, stop_ns=T0) == []
 
 
-@pytest.mark.parametrize("kind", dict.fromkeys(kind for kind, _ in KINDS))
+@pytest.mark.parametrize("kind", [kind for kind, _ in KINDS_OF_INDEX])
 def test_a_recording_without_messages_opens(tmp_path: Path, kind: str) -> None:
     with open_recording([write(tmp_path, kind, [])]) as recording:
         assert list(recording.messages()) == []
@@ -241,21 +247,6 @@ def test_two_recordings_of_the_same_time(tmp_path: Path) -> None:
     for other in (part("next", 1.6), part("other", 0.3, topic="/other"), part("later", 90.0)):
         with open_recording([first, other]) as recording:
             assert recording.message_count == 42
-
-
-def test_damage_in_the_middle_says_how_far_it_got(tmp_path: Path) -> None:
-    messages = drive("cdr", 60)
-    path = write(tmp_path, "mcap-zstd", messages)
-    content = bytearray(path.read_bytes())
-    middle = len(content) // 3
-    content[middle : middle + 30] = bytes(30)
-    path.write_bytes(content)
-    got: list[RawMessage] = []
-    with open_recording([path], ReadOptions("none")) as recording, pytest.raises(RecordingError) as caught:
-        got.extend(recording.messages())
-    assert plain(got) == plain(messages[: len(got)])
-    assert got
-    assert f"after {len(got)} messages (log time {got[-1].log_time_ns} ns)" in str(caught.value)
 
 
 # --- real recordings

@@ -11,7 +11,6 @@ from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.geometry.transform import rotation_fault
 
-ROOT = Path(__file__).resolve().parents[3]
 LIDAR = {"topic": "/points", "frame_id": "lidar", "position_m": [0, 0, 1]}
 CAMERA = {"topic": "/image", "info_topic": "/info", "frame_id": "cam", "position_m": [0, 0, 1], "focal_px": [500, 500]}
 

@@ -23,17 +23,16 @@ CAR, TRUCK, BUS = 0, 3, 4
         pytest.param([BUS], (0, 0, 0), (1, 0, 0), id="as a bus"),
     ],
 )
-@pytest.mark.parametrize("label", ["van", "Van"])
 def test_a_van_counts_for_the_class_that_it_is_found_as(
-    found: list[int], car: tuple[int, int, int], truck: tuple[int, int, int], label: str
+    found: list[int], car: tuple[int, int, int], truck: tuple[int, int, int]
 ) -> None:
     """True objects, right and false boxes; in 3D, in an image, and as tracks."""
     n, scores = len(found), [0.9, 0.8][: len(found)]
     here = rows_at([(10, 0)])
     boxes = source_boxes(here * n + rows_at([(90, 0)]), range(n + 1), scores=[*scores, 0.1], class_ids=[*found, BUS])
-    true2d = replace(truth2d([0, 0, 9, 9], [TRUCK]), labels=np.array([label]))
+    true2d = replace(truth2d([0, 0, 9, 9], [TRUCK]), labels=np.array(["van"]))
     shown = image([[0, 0, 9, 9]] * n, scores, found, true2d)
-    true = truth_boxes(here, [5], class_ids=[TRUCK], labels=[label])
+    true = truth_boxes(here, [5], class_ids=[TRUCK], labels=["Van"])
     detection, tracking = DetectionEvaluation(Config(), ()), TrackingEvaluation(Config())
     for evaluation in (detection, tracking):
         for index in range(2):

@@ -120,15 +120,6 @@ def test_a_hidden_object_does_not_take_the_box_of_the_one_before_it() -> None:
     assert associate(walkers, found, {"cam": camera}) == {("cam", 0): 0}
 
 
-def test_a_truncated_car_and_its_neighbour() -> None:
-    camera = forward_camera()
-    cars = rows_of([(5.0, 3.4, 0.2, CAR), (9.0, 3.9, 0.1, CAR)])
-    cut, whole = shown(cars, camera)
-    assert cut[0] == 0
-    found = {"cam": boxes2d([(0, cut[1] + 6, cut[2] - 9, cut[3] - 4, 0.5, CAR), (*whole + 4, 0.9, CAR)])}
-    assert associate(cars, found, {"cam": camera}) == {("cam", 0): 0, ("cam", 1): 1}
-
-
 # --- one object, several cameras
 
 

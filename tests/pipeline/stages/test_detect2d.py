@@ -3,9 +3,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from detections import boxes2d, camera_rig, forward_camera
-from hypothesis import given
-from hypothesis import strategies as st
+from detections import camera_rig, forward_camera
 from lidar_scene import combined
 
 from lidcam.pipeline.core.arrays import U8
@@ -15,7 +13,7 @@ from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.detect import Detect2DConfig
 from lidcam.pipeline.detectors.protocols import Candidates2D, Detector2D
-from lidcam.pipeline.stages.detect2d import Detect2D, suppress_overlaps
+from lidcam.pipeline.stages.detect2d import Detect2D
 
 LABELS = ("person", "kite", "car", "bicycle", "motorcycle")
 Row = tuple[float, float, float, float, float, str]
@@ -132,28 +130,3 @@ def test_classes_that_the_detector_cannot_find_are_an_error() -> None:
     config = Config(classes=(ClassPrior(name="tram", size_m=(30, 3, 4), max_size_m=(60, 4, 5)),))
     with pytest.raises(ConfigError, match=r"person, kite, car.*found tram"):
         stage_of(Proposals([]), config)
-
-
-whole = st.integers(0, 12)
-rows_2d = st.lists(
-    st.tuples(
-        whole, whole, st.integers(1, 12), st.integers(1, 12), st.sampled_from([0.2, 0.5, 0.9]), st.integers(0, 1)
-    ),
-    max_size=12,
-)
-
-
-@given(rows_2d, st.sampled_from([0.0, 0.3, 0.45, 1.0]))
-def test_suppression_equals_the_plain_loop(rows: list[tuple[float, ...]], max_iou: float) -> None:
-    table = [(x, y, x + w, y + h, score, label) for x, y, w, h, score, label in rows]
-    boxes = boxes2d(table)
-    kept: list[int] = []
-    for row in sorted(range(len(table)), key=lambda i: (-table[i][4], i)):
-        if all(table[row][5] != table[k][5] or plain_iou(table[row], table[k]) <= max_iou for k in kept):
-            kept.append(row)
-    assert suppress_overlaps(boxes, max_iou=max_iou).tolist() == kept
-
-
-def plain_iou(a: Sequence[float], b: Sequence[float]) -> float:
-    shared_area = max(0.0, min(a[2], b[2]) - max(a[0], b[0])) * max(0.0, min(a[3], b[3]) - max(a[1], b[1]))
-    return shared_area / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - shared_area)

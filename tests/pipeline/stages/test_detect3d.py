@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
 from detections import boxes3d
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from lidar_scene import Box, combined, rig, scan, turned
+from lidar_scene import Box, combined, rig, scan
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.detections import Boxes3D
@@ -51,11 +49,9 @@ def assert_same(one: Boxes3D, other: Boxes3D) -> None:
     "truth",
     [
         pytest.param(car(12, 0), id="rear"),
-        pytest.param(car(0, 8), id="side"),
         pytest.param(car(9, 5), id="corner"),
         pytest.param(car(-8, -6, 0.6), id="behind, turned"),
-        pytest.param(car(6, -10, -1.2), id="turned"),
-        pytest.param(car(20, 7, 2.5), id="far"),
+        pytest.param(car(20, 7, 2.5), id="far, turned"),
     ],
 )
 def test_car_seen_by_one_lidar(truth: Box) -> None:
@@ -77,30 +73,7 @@ def test_covariances_are_positive_definite_and_counts_are_those_of_the_cloud() -
     assert (boxes.stamp_ns, boxes.frame_id) == (7, "site")
 
 
-@given(
-    yaw=st.floats(-3.0, 3.0),
-    turn=st.floats(-3.0, 3.0),
-    shift=st.tuples(st.floats(-50, 50), st.floats(-50, 50)),
-    bearing=st.floats(-3.0, 3.0),
-    range_m=st.floats(7.0, 18.0),
-)
-@settings(max_examples=15, derandomize=True)
-def test_turning_and_shifting_the_scene_turns_and_shifts_the_boxes(
-    yaw: float, turn: float, shift: tuple[float, float], bearing: float, range_m: float
-) -> None:
-    truth = car(range_m * np.cos(bearing), range_m * np.sin(bearing), yaw)
-    points = scan(LIDAR, [truth], noise_m=0.01)
-    here = detect(points)
-    origin = tuple(turned(np.array(LIDAR), turn, shift).tolist())
-    there = Detect3D(rig(origin), GEOMETRIC)(combined(turned(points, turn, shift)))
-    assert len(here) == len(there) == 1
-    assert there.centers[0] == pytest.approx(turned(here.centers[0], turn, shift), abs=0.25)
-    assert yaw_error_deg(there.yaws[0], here.yaws[0] + turn) <= 3.0
-    assert there.sizes[0] == pytest.approx(here.sizes[0], abs=0.25)
-
-
-@pytest.mark.parametrize("gap_m", [0.6, 1.0])
-@pytest.mark.parametrize("range_m", [7.0, 14.0])
+@pytest.mark.parametrize(("gap_m", "range_m"), [(0.6, 7.0), (1.0, 14.0)])
 def test_cars_parked_close_together_stay_apart(gap_m: float, range_m: float) -> None:
     step = 4.2 + gap_m
     row = [car(-step, range_m), car(0, range_m), car(step, range_m)]

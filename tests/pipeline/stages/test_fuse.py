@@ -37,11 +37,6 @@ def test_what_is_probable_enough_is_an_object_and_its_score_the_probability() ->
     assert found.boxes.scores.tolist() == [0.5] * 4, "the input is left as it was"
 
 
-def test_no_hypotheses() -> None:
-    fused = fuse(0.0)(hypotheses(0), np.zeros(0))
-    assert len(fused.objects) == len(fused.matched) == len(fused.rows) == 0
-
-
 def test_what_is_there_and_of_no_class() -> None:
     x_m, points = [0.0, 20.0, 40.0, 41.0, 60.0, 0.5], [100, 100, 100, 30, 5, 100]
     boxes = boxes3d([(x, 0, 0.5, 4.0, 1.8, 1.5, 0.0) for x in x_m], scores=[0.3] * 6)

@@ -88,12 +88,6 @@ def test_object_without_points_stays_where_the_cameras_place_it() -> None:
     np.testing.assert_array_equal(found.centers[1], placed.centers[0])
 
 
-def test_object_that_nobody_can_place_is_left_out() -> None:
-    far = (90.0, 2.0, 0.775, 4.2, 1.75, 1.55, 0.2)
-    _, found = propose(cloud_of(OTHER), nothing(), {"cam": seen_by(CAMERA, [far], [CAR])}, CAMERA)
-    assert len(found) == 0
-
-
 def test_2d_boxes_that_propose_no_object_are_counted_by_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     far = (90.0, 2.0, 0.775, 4.2, 1.75, 1.55, 0.2)
     three = seen_by(CAMERA, [CAR_BOX, OTHER, far], [CAR] * 3)
@@ -111,12 +105,6 @@ def test_one_object_seen_by_two_cameras_is_proposed_once() -> None:
     for points in (cloud_of(CAR_BOX), np.zeros((0, 3))):
         _, found = propose(points, nothing(), boxes, CAMERA, other)
         assert len(found) == 1
-
-
-def test_second_2d_box_of_a_found_object_proposes_nothing() -> None:
-    boxes = seen_by(CAMERA, [CAR_BOX, CAR_BOX], [CAR, 3])
-    lidar, found = propose(cloud_of(CAR_BOX), None, {"cam": boxes}, CAMERA)
-    assert found is lidar
 
 
 def test_confirmed_box_is_not_replaced_by_what_another_camera_makes_of_it() -> None:

@@ -12,7 +12,6 @@ from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.open import open_recording
 from lidcam.readers.recording import ReadOptions
 
-ROOT = Path(__file__).resolve().parents[3]
 CLOUD = "sensor_msgs/msg/PointCloud2"
 
 

@@ -37,9 +37,7 @@ def test_field_names_of_both_ros_versions(encoding: str) -> None:
         ("rational_polynomial", (0.1, 0.2, 0.0, 0.0, 0.1, 0.2, 0.3, 0.4), "rational_polynomial"),
         ("equidistant", (0.1, 0.01, 0.0, 0.0), "equidistant"),
         ("kannala_brandt", (0.1, 0.01, 0.0, 0.0), "equidistant"),
-        ("fisheye", (0.0, 0.0, 0.0, 0.0), "equidistant"),
         ("", (), "plumb_bob"),
-        ("", (0.0, 0.0, 0.0, 0.0, 0.0), "plumb_bob"),
         ("brown_conrady", (0.0,) * 5, "plumb_bob"),
     ],
 )

@@ -40,8 +40,9 @@ def smooth() -> Array:
     return np.stack([rows * 5, columns * 4, 255 - rows * 2 - columns], -1).astype(np.uint8)
 
 
-@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
-@pytest.mark.parametrize("kind", ["png", "bgr8; png compressed ", "rgb8; png compressed bgr8", "", "jpeg"])
+@pytest.mark.parametrize(
+    ("kind", "encoding"), [("png", "cdr"), ("bgr8; png compressed ", "ros1"), ("", "cdr"), ("jpeg", "cdr")]
+)
 def test_png_is_exact_whatever_the_format_says(kind: str, encoding: builders.Encoding) -> None:
     pixels = noise((5, 7, 3))
     image = decode(encoded(pixels, ".png"), kind, encoding)
@@ -49,7 +50,7 @@ def test_png_is_exact_whatever_the_format_says(kind: str, encoding: builders.Enc
     assert (image.stamp_ns, image.frame_id) == (STAMP_NS, "camera")
 
 
-@pytest.mark.parametrize("kind", ["jpeg", "jpg", "rgb8; jpeg compressed bgr8", "bgr8; jpeg compressed bgr8"])
+@pytest.mark.parametrize("kind", ["jpg", "rgb8; jpeg compressed bgr8"])
 def test_jpeg(kind: str) -> None:
     found = decode(encoded(smooth(), ".jpg"), kind).rgb
     assert np.abs(found.astype(int) - smooth()).mean() < 2
@@ -87,7 +88,7 @@ def test_exif_orientation_is_ignored() -> None:
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".png"])
-@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.95])
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.95])
 def test_cut_data(suffix: str, share: float) -> None:
     whole = encoded(smooth(), suffix)
     with pytest.raises(MessageError, match=r"/compressed: \d+ bytes of format 'jpeg' are not a whole image"):

@@ -63,8 +63,7 @@ def compressed(kind: str) -> RawMessage:
 
 
 @both
-@pytest.mark.parametrize("count", [0, 1, 100])
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize(("count", "dtype"), [(0, np.float32), (100, np.float32), (100, np.float64)])
 def test_clouds(encoding: Encoding, count: int, dtype: type[Any]) -> None:
     message = cloud(count, dtype)
     expected, found = decode_pointcloud2(message), decode_pointcloud2(to_ros(twin(message, encoding)))

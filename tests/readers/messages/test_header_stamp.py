@@ -17,7 +17,6 @@ WITH_HEADER: dict[str, Any] = {
 WITHOUT_HEADER: dict[str, Any] = {
     "tf2_msgs/msg/TFMessage": tf_message([transform_stamped("a", "b", stamp_ns=STAMP)]),
     "std_msgs/msg/String": {"data": "a long enough text to hold a stamp"},
-    "geometry_msgs/msg/Point": {"x": 1.0},
     "std_msgs/msg/Empty": {},
 }
 ENCODINGS: list[Literal["ros1", "cdr"]] = ["ros1", "cdr"]

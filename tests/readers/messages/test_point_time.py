@@ -20,11 +20,8 @@ def offsets(fields: dict[str, Array], stamp_ns: int = STAMP_NS) -> I32 | None:
     ("name", "values", "within_ns"),
     [
         ("time", (SWEEP_NS / 1e9).astype(np.float32), 5),  # velodyne_pointcloud
-        ("time", SWEEP_NS / 1e9, 0),
         ("t", SWEEP_NS.astype(np.int32), 0),
         ("time_stamp", SWEEP_NS.astype(np.int32), 0),
-        ("point_time_offset", SWEEP_NS.astype(np.int32), 0),
-        ("offset_time", SWEEP_NS.astype(np.float32), 5),
         ("offset_time", SWEEP_NS.astype(np.float64), 0),
         ("timestamp", (STAMP_NS + SWEEP_NS) / 1e9, 240),  # Hesai, RoboSense: float64 of 2023 has steps of 238 ns
         ("time_stamp", (STAMP_NS + SWEEP_NS) / 1e9, 240),  # Nebula, PointXYZIRADT
@@ -32,7 +29,6 @@ def offsets(fields: dict[str, Array], stamp_ns: int = STAMP_NS) -> I32 | None:
         ("timestamp", (STAMP_NS + SWEEP_NS).astype(np.float64), 128),  # livox_ros_driver2
         ("timestamp", STAMP_NS + SWEEP_NS, 0),
         ("timestamp", (STAMP_NS + SWEEP_NS).astype(np.uint64), 0),
-        ("timestamp", SWEEP_NS / 1e9, 0),
         ("time", (SWEEP_NS / 1e9).astype(">f4"), 5),
         ("timestamp", (STAMP_NS + SWEEP_NS).astype(">u8"), 0),
     ],

@@ -107,8 +107,7 @@ def test_no_points_and_no_finite_ones() -> None:
 # --- points without a place
 
 
-@pytest.mark.parametrize("hole", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize(("hole", "axis"), [(np.nan, 0), (np.inf, 1), (-np.inf, 2)])
 def test_points_that_are_not_finite_are_dropped_with_all_their_fields(hole: float, axis: int) -> None:
     xyz = XYZ.copy()
     xyz[1, axis] = hole
@@ -134,14 +133,17 @@ def test_float64_keeps_what_float32_can_hold() -> None:
 # --- other fields
 
 
-@pytest.mark.parametrize("name", ["intensity", "i", "reflectivity", "signal", "Intensity"])
-@pytest.mark.parametrize("code", ["f4", "f8", "u1", "u2"])
+@pytest.mark.parametrize(
+    ("name", "code"),
+    [("intensity", "f4"), ("i", "f8"), ("reflectivity", "u1"), ("signal", "u2"), ("Intensity", "f4")],
+)
 def test_intensity(name: str, code: str) -> None:
     np.testing.assert_array_equal(decode(**{name: np.array([0, 9, 200], code)}).intensity, [0, 9, 200])
 
 
-@pytest.mark.parametrize("name", ["ring", "channel", "laser_id", "line"])
-@pytest.mark.parametrize("code", ["u1", "i1", "u2", "i4", "f4"])
+@pytest.mark.parametrize(
+    ("name", "code"), [("ring", "u2"), ("channel", "u1"), ("laser_id", "i4"), ("line", "f4"), ("ring", "i1")]
+)
 def test_ring(name: str, code: str) -> None:
     np.testing.assert_array_equal(decode(**{name: np.array([0, 3, 127], code)}).ring, [0, 3, 127])
 

@@ -1,15 +1,11 @@
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 from builders import odometry, raw, tf_message, transform_stamped
-from hypothesis import given
-from hypothesis import strategies as st
-from rosbags.convert.converter import STATIC_MSGTYPE_RENAMES, migrate_message
-from rosbags.interfaces import Nodetype
+from rosbags.convert.converter import STATIC_MSGTYPE_RENAMES
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
@@ -91,35 +87,6 @@ def test_names_of_fields_and_types_that_ros2_changed() -> None:
     converted = to_ros2(old)
     assert converted.channel.msgtype == "tf2_msgs/msg/TFMessage"
     assert read(converted).transforms[0].transform.translation.z == 3
-
-
-@cache
-def releases() -> tuple[Typestore, Typestore]:
-    return get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
-
-
-@pytest.mark.parametrize("msgtype", ["nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "std_msgs/msg/String"])
-@given(data=st.data())
-def test_messages_without_other_names_are_as_migrated_by_rosbags(msgtype: str, data: st.DataObject) -> None:
-    text = st.text(max_size=9)
-    number = st.floats(allow_nan=False, allow_infinity=False, width=32)
-    store, humble = releases()
-
-    def made(name: str) -> Any:
-        return store.types[name](**{field: value(*kind) for field, kind in store.fielddefs[name][1]})
-
-    def value(node: Nodetype, detail: Any) -> Any:
-        if node == Nodetype.NAME:
-            return made(detail)
-        if node == Nodetype.ARRAY:
-            return np.array([data.draw(number)] * detail[1], detail[0][1][0])
-        return data.draw(text) if detail[0] == "string" else data.draw(number if "float" in detail[0] else st.just(5))
-
-    message = made(msgtype)
-    recorded = RawMessage(0, 0, (0, 0), bytes(store.serialize_ros1(message, msgtype)), ros1("/x", message).channel)
-    converted = to_ros2(recorded)
-    moved: Any = migrate_message(store, humble, msgtype, msgtype, {}, message)
-    assert bytes(converted.data) == bytes(humble.serialize_cdr(moved, msgtype))
 
 
 def test_the_types_that_ros2_calls_otherwise_are_those_of_rosbags() -> None:

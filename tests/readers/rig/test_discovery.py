@@ -123,7 +123,6 @@ def test_packets_are_left_out_where_their_clouds_were_recorded(topic: str, frame
         ("/velodyne_packets", "velodyne", "velodyne"),
         ("/velodyne_packets", "top", "velodyne"),
         ("/front/velodyne_packets", "front", "front"),
-        ("/front/velodyne_packets", "velodyne", "velodyne"),
         ("/front/velodyne_packets", "front_velodyne", "front_velodyne"),
         ("/velodyne_10_0_0_7/packets", "velodyne_10_0_0_7", "velodyne_10_0_0_7"),
     ],

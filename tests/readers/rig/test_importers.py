@@ -289,23 +289,6 @@ def test_kitti_object(tmp_path: Path) -> None:
         np.testing.assert_allclose(pixels_of(found, f"cam{number}", points), judge[:, :2] / judge[:, 2:3], atol=0.01)
 
 
-@pytest.mark.parametrize("file", ["kitti_raw_sequence/calib_2011_09_26.txt", "kitti_object/training/calib/000001.txt"])
-def test_kitti_files_as_they_are(file: str) -> None:
-    path = shared(f"data/{file}")
-    found = found_with(path, [VELO_CLOUD, image_message("/camera/image_raw", size=KITTI_PX)])
-    rows = {
-        line.split(":")[0]: np.array(line.split()[1:], float)
-        for line in path.read_text().splitlines()
-        if line[:1] in "PRT" and line
-    }
-    rect, velo = np.eye(4), np.eye(4)
-    rect[:3, :3] = rows["R0_rect"].reshape(3, 3)
-    velo[:3] = rows["Tr_velo_to_cam"].reshape(3, 4)
-    points = np.array([[10.0, 2, -1], [30, -5, 0], [6, 0.5, -1.5]])
-    judge = np.c_[points, np.ones(3)] @ (rows["P2"].reshape(3, 4) @ rect @ velo).T
-    np.testing.assert_allclose(pixels_of(found, "cam2", points), judge[:, :2] / judge[:, 2:], atol=0.01)
-
-
 def test_kitti_raw_needs_both_files_and_takes_either(tmp_path: Path) -> None:
     path, _ = kitti_object_8(tmp_path)
     rows = {line.split(":")[0]: line.split(": ")[1] for line in path.read_text().splitlines()}

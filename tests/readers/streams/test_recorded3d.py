@@ -3,7 +3,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from object_messages import FORMATS, Format, Recorded, objects_message
+from object_messages import Format, Recorded, objects_message
 from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.core.arrays import F64
@@ -57,7 +57,7 @@ def centers(found: Decoded[Boxes3D]) -> F64:
     return found["objects"].centers
 
 
-@pytest.mark.parametrize("format_", FORMATS)
+@pytest.mark.parametrize("format_", ["humble", "autoware"])
 def test_boxes_come_to_the_site_frame(format_: Format) -> None:
     found = decode(Recorded((5, 1, 0.5), "bus", 0.5), frame_id="/lidar", format_=format_)
     boxes = found["objects"]

@@ -68,18 +68,6 @@ def x_of(found: Moment | None) -> list[float]:
     return [round(x, 9) for x in found.boxes.centers[:, 0].tolist()]
 
 
-def test_at_a_message_and_between_two() -> None:
-    line = timeline(*(moment(number * PERIOD_NS) for number in range(3)))
-    for stamp_ns in (0, PERIOD_NS, 30_000_000, 170_000_000, 2 * PERIOD_NS):
-        found = line.at(stamp_ns)
-        assert found is not None
-        assert found.stamp_ns == stamp_ns
-        assert x_of(found) == [round(SPEED_M_S * stamp_ns * 1e-9, 9)]
-        assert not found.boxes.is_ignored.any()
-    nearer = line.at(30_000_000), line.at(70_000_000)
-    assert [found.boxes.lidar_points.tolist() for found in nearer if found] == [[0], [1]]
-
-
 def test_messages_of_a_time_come_in_any_order_and_the_last_counts() -> None:
     line = timeline(moment(2 * PERIOD_NS), moment(0), moment(PERIOD_NS, x=[5]), moment(PERIOD_NS))
     assert x_of(line.at(PERIOD_NS // 2)) == [0.5]

@@ -35,7 +35,7 @@ def calibration_file(name: str) -> Path:
 # --- judged by velodyne-decoder
 
 
-@pytest.mark.parametrize("mode", [0x37, 0x38, 0x39])
+@pytest.mark.parametrize("mode", [0x37, 0x39])
 @pytest.mark.parametrize("name", NAMED)
 def test_as_velodyne_decoder_reads_it(name: str, mode: int) -> None:
     payload, stamps_ns = random_packets(name, mode=mode, packets=41)
@@ -86,8 +86,7 @@ def test_recordings_as_velodyne_decoder_reads_them(kind: str) -> None:
 
 
 @pytest.mark.parametrize("encoding", ["ros1", "cdr"])
-@pytest.mark.parametrize("frame_id", ["", "v", "ve", "vel", "velo", "/velodyne_top"])
-@pytest.mark.parametrize("packets", [1, 2, 5])
+@pytest.mark.parametrize(("frame_id", "packets"), [("", 0), ("v", 1), ("ve", 2), ("vel", 5), ("/velodyne_top", 2)])
 def test_any_alignment(encoding: Any, frame_id: str, packets: int) -> None:
     payload, stamps_ns = random_packets("VLP-16", packets=packets)
     message = scan(payload, stamps_ns, encoding=encoding, frame_id=frame_id)
@@ -97,14 +96,6 @@ def test_any_alignment(encoding: Any, frame_id: str, packets: int) -> None:
     np.testing.assert_array_equal(found.stamps_ns, stamps_ns)
     ranges = payload[:, :1200].reshape(-1, 100)[:, 4:].reshape(-1, 3)[:, :2]
     assert len(decoder()(message)) == np.count_nonzero(ranges.any(1))
-
-
-@pytest.mark.parametrize("name", ["VLP-16", "VLS-128"])
-def test_one_packet_and_none(name: str) -> None:
-    payload, stamps_ns = random_packets(name, packets=1)
-    assert len(decoder()(scan(payload, stamps_ns))) > 200
-    nothing = decoder()(scan(payload[:0], stamps_ns[:0]))
-    assert (len(nothing), nothing.stamp_ns, nothing.frame_id) == (0, START_NS, "velodyne")
 
 
 def same(one: PointCloud, other: PointCloud, rows: slice) -> None:

@@ -21,10 +21,6 @@ def decoded(messages: list[RawMessage]) -> list[RawMessage]:
     return [*(found for message in messages for found in decoder.add_message(message)), *decoder.flush()]
 
 
-def problems(messages: list[RawMessage]) -> list[str]:
-    return [message.problem for message in decoded(messages)]
-
-
 def assert_shows(found: list[RawMessage], images: list[Any], *, least_db: float = 33) -> None:
     """Each message has the image of its stamp, and no other image would fit as well."""
     for message in found:
@@ -61,9 +57,8 @@ def test_images_out_of_order(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["h264", "h265", "vp9", "av1"])
-@pytest.mark.parametrize("first", [1, GOP - 1])
-def test_it_begins_with_a_key_frame(kind: str, first: int) -> None:
-    images = moving(COUNT)
+def test_it_begins_with_a_key_frame(kind: str) -> None:
+    images, first = moving(COUNT), 1
     packets = encode(images, kind, gop=GOP)
     found = decoded(foxglove(packets[first:], kind))
     key = next(place for place, packet in enumerate(packets) if packet.is_key and place >= first)
@@ -94,28 +89,7 @@ def test_after_damage_it_begins_again(kind: str, fault: str) -> None:
     assert_shows([m for m in found if not m.problem], images)
 
 
-@pytest.mark.parametrize("kind", ["h264", "h265"])
-@pytest.mark.parametrize("missing", range(1, GOP))
-def test_a_message_that_was_not_recorded_is_noticed(kind: str, missing: int) -> None:
-    packets = encode(moving(COUNT), kind, gop=GOP)
-    found = problems(foxglove([*packets[:missing], *packets[missing + 1 :]], kind))
-    assert found[:missing] == [""] * missing
-    if missing < GOP - 1:
-        assert ("are not valid hevc" if kind == "h265" else "a packet before it is missing") in found[missing]
-    assert found[missing + 1 : GOP - 1] == [AFTER_DAMAGE] * (GOP - 2 - missing)
-    assert found[GOP - 1 :] == [""] * (COUNT - GOP)
-
-
-def test_a_message_that_cannot_be_read() -> None:
-    messages = foxglove(encode(moving(GOP + 1), gop=GOP))
-    messages[1] = messages[1]._replace(data=b"", problem="a chunk is damaged")
-    found = problems(messages)
-    assert found[0] == found[GOP] == ""
-    assert "a chunk is damaged" in found[1]
-    assert found[2] == AFTER_DAMAGE
-
-
-@pytest.mark.parametrize("kind", ["h264", "h265", "vp9", "av1"])
+@pytest.mark.parametrize("kind", ["h264", "vp9"])
 def test_the_size_changes(kind: str) -> None:
     small, large = moving(3, 64, 48), moving(6, 128, 96)
     packets = [*encode(small, kind), *encode(large[3:], kind)]

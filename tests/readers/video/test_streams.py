@@ -52,7 +52,7 @@ def test_other_messages_pass() -> None:
     assert [m.channel.msgtype for m in (found[1], found[4])] == ["sensor_msgs/msg/CompressedImage"] * 2
 
 
-@pytest.mark.parametrize("first", range(1, COUNT))
+@pytest.mark.parametrize("first", [1, GOP - 1, GOP, GOP + 1, COUNT - 1])
 def test_a_window_shows_what_the_whole_shows(first: int) -> None:
     assert window(first) == [m._replace(order=(0, n)) for n, m in enumerate(streamed(FILM))][first:]
 
@@ -135,10 +135,7 @@ def rig_of(film: Sequence[RawMessage], *, size: tuple[int, int] = (64, 48), **to
     return discover_rig(sensor_messages(MemoryRecording(messages)), config)
 
 
-NAMES = ["video", "image_raw/ffmpeg", "image_raw/foxglove", "h264", "image_h265", "compressed_video"]
-
-
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["image_raw/ffmpeg", "h264", "compressed_video"])
 def test_a_camera_is_found(name: str) -> None:
     topic = f"/camera/{name}"
     for film in (foxglove(PACKETS, topic=topic), ffmpeg(PACKETS, topic=topic), foxglove(PACKETS, topic=topic)[2:]):

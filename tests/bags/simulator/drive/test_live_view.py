@@ -33,8 +33,7 @@ def shown(folder: Path, scenario: dict[str, Any], version: RosVersion = 2) -> se
     return set(re.findall(r"(/world[\w/]*)", text))
 
 
-@pytest.mark.parametrize("version", [1, 2])
-@pytest.mark.parametrize("output", ["jpeg", "raw"])
+@pytest.mark.parametrize(("version", "output"), [(1, "jpeg"), (2, "raw")])
 def test_sensors_and_truth_are_shown(tmp_path: Path, version: RosVersion, output: str) -> None:
     found = shown(tmp_path, small_scenario(cameras__front__output=output), version)
     assert {"/world", "/world/top", "/world/front", "/world/truth"} <= found

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from small_worlds import BLACK, GLASS, GREY, RETRO, WHITE
+from small_worlds import GREY, RETRO
 
 from lidcam.bags.simulator.sensors.echoes import (
     NO_ECHO,
@@ -13,7 +13,6 @@ from lidcam.bags.simulator.sensors.echoes import (
 from lidcam.bags.simulator.world.mesh import Material
 
 MIRROR = Material("mirror", (1, 1, 1), 1.0, mirror=0.5)
-PALETTE = (WHITE, GREY, BLACK, RETRO, GLASS, MIRROR)
 
 
 def share(material: Material, incidence_deg: float) -> float:

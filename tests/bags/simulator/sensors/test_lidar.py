@@ -55,8 +55,9 @@ def yard() -> Scene:
     return scene([GROUND, wall(15, WHITE), wall(-20, GREY), box((0, 12, 1), (3, 1, 2), RETRO), *posts], [car])
 
 
-@pytest.mark.parametrize("mode", ["strongest", "last", "dual"])
-@pytest.mark.parametrize("model", ["VLP-16", "Puck Hi-Res", "HDL-32E", "VLP-32C"])
+@pytest.mark.parametrize(
+    ("model", "mode"), [("VLP-16", "dual"), ("Puck Hi-Res", "last"), ("HDL-32E", "strongest"), ("VLP-32C", "dual")]
+)
 def test_packets_hold_the_same_points(model: str, mode: str) -> None:
     """By lidcam's decoder, and by that of velodyne-decoder."""
     sweep = lidar(yard(), fixed_at((0, 0, 1.8)), model=model, return_mode=mode, output="both", phase_ms=20.0).sweep(3)

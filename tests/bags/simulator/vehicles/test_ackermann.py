@@ -32,8 +32,7 @@ def circle(states: list[State]) -> tuple[float, float, float]:
     return float(a), float(b), math.sqrt(c + a * a + b * b)
 
 
-@pytest.mark.parametrize("steering", [0.05, 0.3, 0.6, -0.05, -0.3, -0.6])
-@pytest.mark.parametrize("speed", [4.0, -1.5])
+@pytest.mark.parametrize(("steering", "speed"), [(0.05, 4.0), (0.6, -1.5), (-0.3, 4.0), (-0.6, -1.5)])
 def test_the_rear_axle_goes_round_a_circle_of_wheel_base_by_tangent(steering: float, speed: float) -> None:
     states = driven(State(1.0, 2.0, 0.5, speed, steering), AckermannCommand(speed, steering), 5)
     x, y, radius = circle(states)
@@ -42,7 +41,7 @@ def test_the_rear_axle_goes_round_a_circle_of_wheel_base_by_tangent(steering: fl
     assert (x, y) == pytest.approx((1.0 - left_m * math.sin(0.5), 2.0 + left_m * math.cos(0.5)), abs=1e-5)
 
 
-@pytest.mark.parametrize("step_s", [0.001, 0.01, 0.1, 1.0])
+@pytest.mark.parametrize("step_s", [0.001, 1.0])
 def test_an_arc_is_exact_whatever_the_step(step_s: float) -> None:
     end = driven(State(0.0, 0.0, 0.0, 3.0, 0.4), AckermannCommand(3.0, 0.4), 10, step_s)[-1]
     radius, angle = CAR.wheel_base_m / math.tan(0.4), 30 * math.tan(0.4) / CAR.wheel_base_m

@@ -20,8 +20,7 @@ def route(corners: Corners, *, closed: bool = False, radius: float = 2.0) -> Rou
     )
 
 
-@pytest.mark.parametrize("closed", [True, False])
-@pytest.mark.parametrize("corners", [SQUARE, BENT])
+@pytest.mark.parametrize(("corners", "closed"), [(SQUARE, True), (BENT, True), (BENT, False)])
 def test_a_place_is_as_far_along_as_the_way_to_it_is_long(corners: Corners, closed: bool) -> None:
     way = route(corners, closed=closed)
     points = way.points(np.linspace(0, way.length_m * (1 - 1e-12), 20_001))

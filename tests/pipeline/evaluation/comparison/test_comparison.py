@@ -60,16 +60,6 @@ def changed_in(frames: list[ResultFrame], rows: range, found: SourceBoxes) -> li
     return [replace(frame, sources={"fused": found}) if frame.index in rows else frame for frame in frames]
 
 
-def test_a_result_differs_in_nothing_from_itself() -> None:
-    run = run_of(5, objects(*CARS))
-    tree = figures(run, run)
-    assert frames_of(tree) == [5, 0, 0, 0]
-    assert tree["sources"]["fused"]["all"]["equal"] == tree["sources"]["fused"]["car"]["both"] == 10
-    assert tree["images"]["cam"]["all"]["equal"] == 5
-    assert tree["differences"] == {"count": 0, "listed": [], "largest": {}}
-    assert tree["sources"]["fused"]["all"]["largest_moved_m"] == 0.0
-
-
 CLOSE = st.tuples(
     *[st.sampled_from([0.0, 0.3, 5.0])] * 2,
     st.just(0.8),
@@ -171,14 +161,6 @@ def test_a_difference_ends_where_a_frame_is_missing() -> None:
     assert [(told["first_frame"], told["frames"]) for told in tree["differences"]["listed"]] == [(0, 2), (3, 3)]
     assert frames_of(tree) == [5, 5, 1, 0]
     assert tree["sources"]["fused"]["all"]["a"] == 10, "objects of frames that one result alone has do not count"
-
-
-def test_gates_are_those_of_the_longer_class() -> None:
-    at: Row = (0, 0, 0.8, 0.6, 0.6, 1.7, 0)
-    near: Row = (0.7, 0, 0.8, 0.6, 0.6, 1.7, 0)
-    first, second = (run_of(1, objects(row, class_ids=[PEDESTRIAN])) for row in (at, near))
-    assert fused_kinds(first, second) == {"lost": 1, "new": 1}
-    assert fused_kinds(first, run_of(1, objects(near))) == {"moved": 1, "relabelled": 1}
 
 
 def test_tracks_that_swap_their_ids_are_told_once() -> None:

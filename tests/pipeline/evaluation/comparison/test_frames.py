@@ -54,9 +54,3 @@ def test_every_frame_comes_once_and_in_order(first: list[int], second: list[int]
     for a, b in rows:
         if a is not None and b is not None:
             assert abs(first[a] - second[b]) * MS <= MAX_APART_NS
-
-
-@given(stamps_ms=STAMPS)
-@settings(derandomize=True)
-def test_every_frame_is_its_own_partner(stamps_ms: list[int]) -> None:
-    assert paired(stamps_ms, stamps_ms) == [(row, row) for row in range(len(stamps_ms))]

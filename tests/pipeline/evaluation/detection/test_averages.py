@@ -10,7 +10,6 @@ from lidcam.pipeline.core.geometry.rotated_iou import ious
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
-from lidcam.pipeline.evaluation.detection.curves import average_precision, curve_of
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
 
 NAMES = ("car", "van")
@@ -106,21 +105,3 @@ def test_equal_to_the_definition(seed: int, score_steps: int) -> None:
                     assert figures[name][f"aos_bev_r40_{100 * iou:.0f}"] == pytest.approx(expected, abs=1e-6)
     for key, values in means.items():
         assert figures["all"][key] == (pytest.approx(np.mean(values), abs=1e-6) if values else None)
-
-
-@pytest.mark.parametrize(
-    ("is_right", "truth", "expected"),
-    [
-        ([], 0, None),
-        ([True], 0, None),
-        ([], 3, 0.0),
-        ([False, False], 3, 0.0),
-        ([True, True], 2, 1.0),
-        ([True], 2, 0.5),
-        ([False, True], 1, 0.5),
-    ],
-)
-def test_small_curves(is_right: list[bool], truth: int, expected: float | None) -> None:
-    scores = np.linspace(0.9, 0.1, len(is_right)).astype(np.float32)
-    curve = curve_of(scores, np.array(is_right, np.bool_), truth)
-    assert average_precision(curve.right, curve.precision, truth) == pytest.approx(expected)

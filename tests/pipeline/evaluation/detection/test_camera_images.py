@@ -2,13 +2,9 @@
 
 from typing import Any
 
-import numpy as np
 import pytest
 from evaluation_scenes import evaluated, image, truth2d
-from hypothesis import given
-from hypothesis import strategies as st
 
-from lidcam.pipeline.core.geometry.boxes import iou_xyxy
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, ImageBoxes
@@ -73,42 +69,6 @@ def test_boxes_without_extent_overlap_nothing() -> None:
     nothing = (150.0, 120.0, 150.0, 120.0)
     tree = figures(image(nothing, [0.9], [CAR], truth2d(nothing, [CAR])))["car"]
     assert counts(tree) == {"truth": 1, "found": 1, "missed": 1, "false": 1}
-
-
-def plain_counts(shown: ImageBoxes, limit: float) -> tuple[int, int]:
-    """Right and false detections of the class 0, by falling score, each object once."""
-    assert shown.truth is not None
-    overlaps = iou_xyxy(shown.found.xyxy, shown.truth.xyxy)
-    free = {row for row in range(len(shown.truth)) if shown.truth.class_ids[row] == CAR}
-    right = false = 0
-    rows = [row for row in range(len(shown.found)) if shown.found.class_ids[row] == CAR]
-    for row in sorted(rows, key=lambda row: (shown.found.scores[row], row), reverse=True):
-        best = max(free, key=lambda column: (overlaps[row, column], -column), default=None)
-        if best is not None and overlaps[row, best] >= limit:
-            free.remove(best)
-            right += 1
-        else:
-            false += 1
-    return right, false
-
-
-@given(seed=st.integers(0, 2**32 - 1))
-def test_equal_to_matching_image_by_image(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    images = []
-    for _ in range(4):
-        n, m = rng.integers(0, 6, 2)
-        true_xy, xy = rng.integers(0, 60, (n, 2)), rng.integers(0, 60, (m, 2))
-        images.append(
-            image(
-                np.column_stack([xy, xy + rng.integers(20, 60, (m, 2))]),
-                rng.integers(0, 5, m) / 8,
-                rng.integers(0, 2, m),
-                truth2d(np.column_stack([true_xy, true_xy + rng.integers(20, 60, (n, 2))]), rng.integers(0, 2, n)),
-            )
-        )
-    tree = figures(*images)["car"]
-    assert (tree["right"], tree["false"]) == tuple(np.sum([plain_counts(shown, 0.5) for shown in images], axis=0))
 
 
 def test_images_matched_together_are_as_if_matched_alone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -80,9 +80,8 @@ def test_half_the_length_of_its_class_may_lie_between(class_id: int, max_m: floa
         {"image_pixels": [0]},
     ],
 )
-@pytest.mark.parametrize("class_id", [CAR, VAN])
-def test_what_is_ignored_is_neither_missed_nor_an_error(columns: dict[str, Any], class_id: int) -> None:
-    boxes = found((10.5, 0, 0.9), (9.5, 0.3, 0.8), class_ids=[class_id, class_id])
+def test_what_is_ignored_is_neither_missed_nor_an_error(columns: dict[str, Any]) -> None:
+    boxes = found((10.5, 0, 0.9), (9.5, 0.3, 0.8), class_ids=[CAR, VAN])
     tree = figures(truth((10, 0), **columns), boxes)
     assert counts(tree["all"]) == {"truth_ignored": 1, "found": 2, "ignored": 2}
     assert tree["all"]["precision"] is tree["all"]["recall"] is tree["all"]["ap_bev_r40_50"] is None
@@ -110,18 +109,6 @@ def test_the_wrong_class_is_a_miss_and_a_false_detection_and_both_are_told() -> 
         "labels": {"taxi": {"found_as": {"car": 1, "van": 1}, "missed": 0}},
         "nothing": {"car": 0, "van": 0},
     }
-
-
-def test_confusion_counts_every_object_and_every_detection_once() -> None:
-    rng = np.random.default_rng(1)
-    n, m = 40, 60
-    true = truth(*rng.uniform(-15, 15, (n, 2)), class_ids=rng.integers(0, 2, n), is_ignored=rng.random(n) < 0.1)
-    boxes = found(*np.column_stack([rng.uniform(-15, 15, (m, 2)), rng.random(m)]), class_ids=rng.integers(0, 2, m))
-    everything = figures(true, boxes)["all"]
-    rows = everything["confusion"]["labels"].values()
-    found_as = sum(sum(row["found_as"].values()) for row in rows)
-    assert found_as + sum(row["missed"] for row in rows) == everything["truth"]
-    assert found_as + sum(everything["confusion"]["nothing"].values()) == everything["found"] - everything["ignored"]
 
 
 def test_errors_of_a_turned_object() -> None:

@@ -18,6 +18,8 @@ ERRORS = ("id_switches", "false_positives", "misses", "fragmentations")
 COUNTS = (*ERRORS, "mostly_tracked", "partly_tracked", "mostly_lost")
 SIZE = (LENGTH_M, WIDTH_M, 1.5)
 TOLERANCE = 1e-9
+SOME = {name for name in CASES if name[-2:] not in ("_2", "_3", "_4", "_5")}
+"""Of each kind of case no more than two, where another judge is asked about all of them."""
 
 
 def said(judge: str) -> dict[str, Any]:
@@ -71,7 +73,7 @@ def test_hota_is_that_of_trackeval(name: str) -> None:
                 assert value == pytest.approx(theirs[f"hota{end}"][key], abs=TOLERANCE)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", sorted(SOME))
 def test_identity_is_that_of_trackeval_and_motmetrics(name: str) -> None:
     ours, trackeval, motmetrics = figures_of(name), said("trackeval")[name]["identity"], said("motmetrics")[name]
     for key in ("IDF1", "IDP", "IDR"):
@@ -80,7 +82,7 @@ def test_identity_is_that_of_trackeval_and_motmetrics(name: str) -> None:
         assert value == pytest.approx(motmetrics[key.lower()], abs=TOLERANCE)
 
 
-@pytest.mark.parametrize("name", sorted(CASES.keys() - TIES))
+@pytest.mark.parametrize("name", sorted(SOME - TIES))
 def test_clear_is_that_of_motmetrics(name: str) -> None:
     ours, theirs = figures_of(name), said("motmetrics")[name]
     keys: tuple[str, ...] = ("num_switches", "num_false_positives", "num_misses", "num_fragmentations")
@@ -89,7 +91,7 @@ def test_clear_is_that_of_motmetrics(name: str) -> None:
         assert ours[figure] == pytest.approx(theirs[key], abs=TOLERANCE), figure
 
 
-@pytest.mark.parametrize("name", sorted(APART))
+@pytest.mark.parametrize("name", sorted(SOME & APART))
 def test_clear_is_that_of_trackeval_where_objects_are_apart(name: str) -> None:
     """Elsewhere TrackEval differs: an object keeps its track, and its losses count, from one frame to the next only."""
     ours, theirs = figures_of(name), said("trackeval")[name]["clear"]
@@ -100,7 +102,7 @@ def test_clear_is_that_of_trackeval_where_objects_are_apart(name: str) -> None:
     assert (ours["motp_m"] or 0) * theirs["CLR_TP"] == pytest.approx(distance_m, abs=TOLERANCE)
 
 
-@pytest.mark.parametrize("name", sorted(CASES.keys() - TIES))
+@pytest.mark.parametrize("name", sorted(SOME - TIES))
 def test_amota_is_that_of_nuscenes(name: str) -> None:
     ours, theirs = figures_of(name)["distance"], said("nuscenes")[name]
     assert ours["amota"] == pytest.approx(theirs["amota"], abs=TOLERANCE)

@@ -2,13 +2,6 @@ from lidcam.pipeline.core.frame import Missing
 from lidcam.pipeline.stages.sync.attendance import MAX_SILENCES, Absence, Attendance, Silence
 
 
-def test_nothing_missing() -> None:
-    attendance = Attendance()
-    attendance.fall_silent("/a", 5)  # after the last frame
-    assert attendance.missing([], 3) == {}
-    assert attendance.absences(["/a", "/b"]) == ()
-
-
 def test_frames_are_counted_by_span() -> None:
     attendance = Attendance()
     attendance.fall_silent("/a", None)

@@ -93,11 +93,11 @@ def unexpected(drop: Drop) -> None:
     raise AssertionError(drop)
 
 
-IMPOSSIBLE_NS = [-1, -(2**63), 2**31 * S, 2**32 * S, 2**63, 2**64 - 1, 10**30]
+IMPOSSIBLE_NS = [-1, 2**31 * S, 2**63, 10**30]
 
 
 @pytest.mark.parametrize("time_ns", IMPOSSIBLE_NS)
-@pytest.mark.parametrize("at", [0, 9, 19])
+@pytest.mark.parametrize("at", [0, 9])
 def test_what_cannot_be_a_time_is_bad_and_touches_nothing_else(time_ns: int, at: int) -> None:
     messages = [message(*one, position) for position, one in enumerate(steady("a", stop=20))]
     for changed, reason in (
@@ -131,7 +131,7 @@ def test_a_first_stamp_ahead_of_its_recorder_waits_for_the_next() -> None:
 
 @pytest.mark.parametrize(
     ("place", "stamp_s", "reason"),
-    [*((8, far_s, OUTLIER) for far_s in (-1e6, -30.0, 1.5, 30.0, 4e8)), *((row, None, ZERO) for row in (0, 8, 18))],
+    [*((8, far_s, OUTLIER) for far_s in (-30.0, 1.5, 4e8)), *((row, None, ZERO) for row in (0, 8, 18))],
 )
 def test_one_wrong_stamp_is_dropped_alone(place: int, stamp_s: float | None, reason: str) -> None:
     recorded = steady()
@@ -143,7 +143,7 @@ def test_one_wrong_stamp_is_dropped_alone(place: int, stamp_s: float | None, rea
     assert [sorted(part) for part in parts] == [sorted((t, s) for t, s, _ in recorded if s is not None)]
 
 
-@pytest.mark.parametrize("count", [1, 2, 10])
+@pytest.mark.parametrize("count", [1, 10])
 def test_a_topic_without_stamps_has_its_log_times(count: int) -> None:
     recorded = sorted([*steady("a"), *(("b", None, k / 10 + 0.07) for k in range(count))], key=lambda one: one[2])
     ((*part,),), drops, clocks = run(recorded, {"b": 20 * MS})
@@ -178,12 +178,6 @@ def test_what_is_sound_stays_in_one_part(recorded: list[Recorded]) -> None:
     assert not clocks.jumps
 
 
-def test_offsets_are_taken_off() -> None:
-    ((*part,),), _, _ = run(steady(), {"b": 30 * MS, "a": -5 * MS})
-    assert of(part, "a") == [round(k / 10 + 0.005, 3) for k in range(10)]
-    assert of(part, "b") == [round(k / 10 - 0.03, 3) for k in range(10)]
-
-
 def test_a_recording_that_was_played_in_a_loop_is_split_at_each_turn() -> None:
     turns = [steady("abc", 30 * turn, 30 * (turn + 1), shift_s=-3.0 * turn) for turn in range(3)]
     parts, drops, clocks = run([one for turn in turns for one in turn])
@@ -206,16 +200,6 @@ def test_messages_from_before_a_jump_are_dropped_after_it() -> None:
     assert all(stamp < 0.95 - 8 + 1.5 for stamp in of(after, "a"))
     mixed = [stamp for stamp in of(after, "b") if stamp > 0]
     assert len(mixed) + len([drop for drop in drops if drop[2] == OTHER_SIDE]) + len(of(before, "b")) == 10
-
-
-def test_a_clock_that_alone_is_set_back_begins_a_part_and_the_others_go_on() -> None:
-    recorded = sorted([*steady("a"), *steady("a", 10, 20, shift_s=-5), *steady("b", 0, 20)], key=lambda one: one[2])
-    parts, drops, clocks = run(recorded)
-    assert len(parts) == 2
-    assert [jump.by_ns for jump in clocks.jumps] == [5 * S]
-    assert [stamp for part in parts for stamp in of(part, "b")] == stamps(recorded, "b")
-    assert of(parts[1], "a") == stamps(steady("a", 10, 20, shift_s=-5), "a")
-    assert not drops
 
 
 def test_log_times_that_jump_back_split_the_recording_at_once() -> None:

@@ -32,9 +32,6 @@ def rebuilt(columns: str, constraint: str = "", selected: str = "*") -> tuple[st
     )
 
 
-COLUMNS = "id INTEGER PRIMARY KEY, topic_id, timestamp, data"
-
-
 @pytest.mark.parametrize(
     ("statements", "left", "told"),
     [

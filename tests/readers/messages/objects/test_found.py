@@ -26,7 +26,7 @@ def decode(format_: Format, *objects: Recorded, **options: Any) -> FoundObjects:
 
 
 @pytest.mark.parametrize("format_", FORMATS)
-@pytest.mark.parametrize("count", [0, 1, 40])
+@pytest.mark.parametrize("count", [0, 40])
 def test_the_same_objects_in_every_format(format_: Format, count: int) -> None:
     rng = np.random.default_rng(count)
     root = rng.normal(size=(count, 6, 6))

@@ -76,7 +76,7 @@ def test_what_is_left_out_is_counted() -> None:
     ]
 
 
-@pytest.mark.parametrize("degrees", [0, 30, 90, 135, -60, 180, 270])
+@pytest.mark.parametrize("degrees", [0, 30, 90, 135, -60])
 def test_turned_box_becomes_its_hull(degrees: int) -> None:
     theta = math.radians(degrees)
     turn = np.array([[math.cos(theta), -math.sin(theta)], [math.sin(theta), math.cos(theta)]])

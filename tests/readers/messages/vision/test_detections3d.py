@@ -3,22 +3,15 @@ from typing import Any
 
 import builders
 import numpy as np
-import pytest
 from builders import Fields
-from message_layouts import message_of_layout
-from object_messages import Format, Recorded, boxes_message
 
-from lidcam.pipeline.core.detections import Boxes3D
-from lidcam.pipeline.core.messages import Channel, RawMessage
-from lidcam.pipeline.core.ros.messages import ROS2
+from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
 from lidcam.readers.messages.vision.detections3d import Detections3D, decode_detections3d
 from lidcam.readers.messages.vision.track_ids import track_ids
-from lidcam.writers.messages.detections import detections_3d
 
 STAMP_NS = 1_700_000_000_123_456_789
 MSGTYPE = "vision_msgs/msg/Detection3DArray"
-NAMES = ("car", "pedestrian", "Lkw größer")
 
 
 def pose(x: float = 1.0, y: float = 2.0, z: float = 3.0, quaternion: tuple[float, ...] = (0, 0, 0, 1)) -> Fields:
@@ -45,42 +38,6 @@ def message(*detections: Fields) -> RawMessage:
 
 def decode(*detections: Fields) -> Detections3D:
     return decode_detections3d(message(*detections))
-
-
-def written(boxes: Boxes3D) -> RawMessage:
-    """The message that lidcam's own writer makes of boxes."""
-    built = detections_3d(boxes, NAMES, stamp_ns=STAMP_NS)
-    channel = Channel("/fused/detections", MSGTYPE, "cdr", ROS2.definition(MSGTYPE))
-    return RawMessage(STAMP_NS, STAMP_NS, (0, 0), ROS2.serialize(built), channel)
-
-
-@pytest.mark.parametrize("count", [0, 1, 30])
-def test_what_the_writer_wrote_is_read_back(count: int) -> None:
-    rng = np.random.default_rng(count)
-    root = rng.normal(size=(count, 3, 3))
-    yaws = rng.uniform(-np.pi, np.pi, count)
-    yaws[:1] = np.pi
-    boxes = Boxes3D(
-        STAMP_NS,
-        "site",
-        rng.normal(0, 50, (count, 3)),
-        rng.uniform(0.1, 20, (count, 3)),
-        yaws,
-        rng.random(count, np.float32),
-        rng.integers(0, len(NAMES), count).astype(np.int32),
-        np.zeros(count, np.int32),
-        root @ root.transpose(0, 2, 1),
-        np.zeros(count, np.uint8),
-        np.full(count, STAMP_NS, np.int64),
-    )
-    found = decode_detections3d(written(boxes))
-    assert (found.stamp_ns, found.frame_id, len(found)) == (STAMP_NS, "site", count)
-    for name in ("centers", "sizes", "scores", "covariances"):
-        np.testing.assert_allclose(getattr(found, name), getattr(boxes, name), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(found.yaws, boxes.yaws, atol=1e-12)
-    assert found.labels.tolist() == [NAMES[class_id] for class_id in boxes.class_ids]
-    assert found.ids.tolist() == [""] * count
-    assert (dict(found.counts), dict(found.unused)) == ({}, {})
 
 
 def test_counts_are_no_classes_and_scores_are_shares() -> None:
@@ -133,45 +90,6 @@ def test_boxes_that_cannot_be_used_are_counted() -> None:
     )
     assert found.ids.tolist() == ["sound"]
     assert dict(found.unused) == {"box without a heading": 4, "box without a volume or not finite": 6}
-
-
-# --- older layouts
-
-
-@pytest.mark.parametrize("format_", ["ros1", "foxy", "galactic", "humble"])
-@pytest.mark.parametrize("count", [0, 1, 3])
-def test_layouts(format_: Format, count: int) -> None:
-    covariance, half = np.arange(36.0).reshape(6, 6), math.radians(30) / 2
-    turn = (0.0, 0.0, math.sin(half), math.cos(half))
-    found = decode_detections3d(
-        boxes_message(format_, STAMP_NS, [Recorded((1, 2, 3), "van", 0.5, xyzw=turn, covariance=covariance)] * count)
-    )
-    assert (found.frame_id, found.labels.tolist()) == ("site", ["4" if format_ == "ros1" else "van"] * count)
-    np.testing.assert_array_equal(found.centers, np.tile([1, 2, 3], (count, 1)))
-    np.testing.assert_array_equal(found.sizes, np.tile([4, 2, 1.5], (count, 1)))
-    np.testing.assert_allclose(found.yaws, [math.radians(30)] * count)
-    np.testing.assert_array_equal(found.scores, [0.5] * count)
-    expected = covariance[np.ix_([0, 1, 5], [0, 1, 5])]
-    np.testing.assert_array_equal(found.covariances, np.tile(expected, (count, 1, 1)))
-
-
-TRACKED = {
-    "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
-    "vision_msgs/msg/ObjectHypothesisWithPose": "string id\nfloat32 score\ngeometry_msgs/PoseWithCovariance pose",
-    "vision_msgs/msg/Detection3D": (
-        "string tracking_id\nstd_msgs/Header header\nBoundingBox3D bbox\n"
-        "ObjectHypothesisWithPose[] results\nuint8[] more"
-    ),
-    "vision_msgs/msg/Detection3DArray": "std_msgs/Header header\nDetection3D[] detections",
-}
-NAMED = {**TRACKED, "vision_msgs/msg/Detection3D": TRACKED["vision_msgs/msg/Detection3D"].replace("tracking_id", "id")}
-NO_BOX = {**TRACKED, "vision_msgs/msg/Detection3D": "std_msgs/Header header\nObjectHypothesisWithPose[] results"}
-
-
-def of_layout(definitions: dict[str, str], **more: Any) -> RawMessage:
-    detections = [{"results": [{"id": "4", "score": 0.5}], **more}]
-    body = {"header": builders.header(STAMP_NS, "site"), "detections": detections}
-    return message_of_layout(MSGTYPE, definitions, "cdr", body, topic="/objects", stamp_ns=STAMP_NS)
 
 
 # --- ids as numbers
