@@ -16,6 +16,7 @@
 
 PYTHON ?= python3
 BIN := .venv/bin
+PACKAGES := .venv/packages
 INSTALLED := .venv/installed
 INSTALLED_QUICK := .venv/installed-quick
 INSTALLED_ALL := .venv/installed-all
@@ -33,24 +34,29 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: demo gate golden quick test check pytest coverage fuzz campaign samples bench numbers site locks
 .DELETE_ON_ERROR:
 
-$(INSTALLED): pyproject.toml constraints-run.txt
+$(PACKAGES): constraints-run.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "lidcam needs Python 3.11 or newer, found " + sys.version.split()[0] + ": set PYTHON=python3.12 or the like")'
 	$(PYTHON) -m venv .venv
 	@echo 'Installing lidcam into .venv: 450 MB to fetch, once'
 	$(LOCKED) constraints-run.txt
+	@touch $@
+
+# lidcam itself: a change of its C++ builds it anew. Without a C++ compiler on the machine, one comes as a wheel.
+$(INSTALLED): $(PACKAGES) pyproject.toml hatch_build.py $(wildcard pipeline/native/*.cpp pipeline/native/*.h)
+	@test -n "$$CXX" || command -v c++ g++ clang++ > /dev/null || $(LOCKED) constraints-compiler.txt
 	$(PIP) install --no-build-isolation --no-deps --editable .
 	@touch $@
 
 # PyTorch comes last and without a hash: its version is pinned, but it has builds for CPUs on indexes of their own, and what an index may offer
 # here is not known. The CUDA libraries of PyPI's build come with it.
-$(INSTALLED_ALL): $(INSTALLED) constraints.txt
+$(INSTALLED_ALL): pyproject.toml constraints.txt | $(INSTALLED)
 	@echo 'Installing the extras and the tools of the tests into .venv: 930 MB to fetch, once'
 	$(LOCKED) constraints.txt
-	$(PIP) install --no-build-isolation --no-compile --editable '.[sim,train,foxglove,video,notebook,http,s3,ray,test,dev]'
+	$(PIP) install --no-compile 'lidcam[sim,train,foxglove,video,notebook,http,s3,ray,test,dev]'
 	$(PIP) check
 	@touch $@
 
-$(INSTALLED_QUICK): $(INSTALLED) constraints-quick.txt
+$(INSTALLED_QUICK): constraints-quick.txt | $(INSTALLED)
 	@test -f $(INSTALLED_ALL) || $(LOCKED) constraints-quick.txt
 	@touch $@
 
@@ -125,6 +131,7 @@ config/default.yaml: $(wildcard pipeline/core/settings/*.py) $(INSTALLED_ALL)
 locks:
 	$(COMPILE) --extra sim --extra foxglove --extra video --extra notebook --extra http --extra s3 --extra ray --extra test --extra dev --output-file constraints.txt pyproject.toml constraints.in
 	$(COMPILE) --constraint constraints.txt --output-file constraints-run.txt pyproject.toml constraints-build.in
+	echo ziglang | $(COMPILE) --output-file constraints-compiler.txt -
 	$(COMPILE) --constraint constraints.txt --extra test --output-file constraints-quick.txt pyproject.toml constraints-build.in
 
 docs/licences.md: $(INSTALLED_ALL)

@@ -1,0 +1,51 @@
+// Arrays of numpy, as kernels take them and as they give them back.
+#pragma once
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <cstdint>
+#include <initializer_list>
+#include <memory>
+
+namespace nb = nanobind;
+
+// Loops over many points are compiled twice, and the processor chooses as the module is loaded.
+#if defined(__x86_64__) && defined(__GLIBC__) && !defined(LIDCAM_PLAIN)
+#define LIDCAM_HOT __attribute__((target_clones("arch=x86-64-v3", "default")))
+#else
+#define LIDCAM_HOT
+#endif
+
+// Arrays that are read, perhaps read-only in numpy: C order, on this machine.
+template <class T> using In1 = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+template <class T> using In2 = nb::ndarray<const T, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+template <class T> using In3 = nb::ndarray<const T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+
+// An array in C order that numpy takes over; zero at first.
+template <class T> class Out {
+  public:
+    explicit Out(std::initializer_list<size_t> shape) : dimensions_(shape.size()) {
+        size_t count = 1;
+        for (size_t i = 0; i < dimensions_; i++) count *= shape_[i] = shape.begin()[i];
+        data_ = std::make_unique<T[]>(count);
+    }
+    T *data() { return data_.get(); }
+    T &operator[](size_t i) { return data_[i]; }
+    T &operator()(size_t i, size_t j) { return data_[i * shape_[1] + j]; }
+    // To be called once, with the interpreter's lock. Of the rows, only the first `rows` belong to it.
+    nb::object numpy(size_t rows) {
+        shape_[0] = rows;
+        T *kept = data_.release();
+        nb::capsule owner(kept, [](void *of) noexcept { delete[] static_cast<T *>(of); });
+        return nb::cast(nb::ndarray<nb::numpy, T>(kept, dimensions_, shape_, owner));
+    }
+    nb::object numpy() { return numpy(shape_[0]); }
+
+  private:
+    size_t dimensions_, shape_[4] = {};
+    std::unique_ptr<T[]> data_;
+};
+
+// The name of an argument that has to have exactly the type that a kernel takes: nothing is copied in silence.
+inline auto array(const char *name) { return nb::arg(name).noconvert(); }
