@@ -6,7 +6,7 @@ kept between runs.
 
 import logging
 import time
-from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -25,21 +25,19 @@ from lidcam.outputs.open import how_to_open, make_pages, open_outputs, open_writ
 from lidcam.outputs.provenance import input_files, provenance_of, read_named_files
 from lidcam.outputs.writers import drawn_scenes
 from lidcam.pipeline.core.errors import RecordingError, short_memory_told
-from lidcam.pipeline.core.frame import FrameResult, SensorBundle
+from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.parallel.cores import usable_cores
 from lidcam.pipeline.parallel.process import WorkerProcess, copied_workers
-from lidcam.pipeline.parallel.run import Limits, run_parallel
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.pipeline.tracking.trackers import object_tracker
 from lidcam.readers.input_file import InputFile, InputFiles
 from lidcam.readers.open import open_recording
 from lidcam.readers.recording import ReadOptions, Recording
 from lidcam.readers.rig.discovery import Discovery, discover_rig
-from lidcam.readers.rig.sensor_topics import CLOUD
 from lidcam.readers.streams.motion import find_motion_source
 from lidcam.readers.streams.per_sensor import sensor_messages
-from lidcam.run.box_sources import box_source, boxes_2d_words, check_box_source, engine_3d
-from lidcam.run.build import build_graph, decided
+from lidcam.run.box_sources import KnownBoxes, box_source, boxes_2d_words, check_box_source, engine_3d
+from lidcam.run.build import build_graph, decided, results
 from lidcam.run.choice import use_settings
 from lidcam.run.effect import settings_sha256
 from lidcam.run.first_look import corrected_by_recording
@@ -47,7 +45,6 @@ from lidcam.run.frame import Frame
 from lidcam.run.frames import (
     RunInput,
     bundles,
-    decoded_topics,
     expected_frames,
     no_frames,
     reference_topic,
@@ -71,12 +68,6 @@ from lidcam.run.warning import RunWarning
 from lidcam.writers.base import ResultWriter
 
 logger = logging.getLogger(__name__)
-
-CLOUD_GROWTH = 16
-"""Memory of the work on a cloud, in sizes of its message, roughly."""
-
-IMAGE_GROWTH = 3
-"""The same for an image."""
 
 
 class RunObserver:
@@ -180,7 +171,9 @@ class Run:
     def __init__(self, source: RunInput, found: Discovery, drops: DropTable) -> None:
         started = time.perf_counter()
         reference_topic(source.config, source.rig)
-        source = corrected_by_recording(source)
+        known = KnownBoxes()
+        self._workers = source.config.run.workers or usable_cores()
+        source = corrected_by_recording(source, known, self._workers)
         first_look_s = time.perf_counter() - started
         self.source, self.found = source, found
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
@@ -193,12 +186,11 @@ class Run:
             ObjectCheck(source.recording, source.rig, source.config, source.settings, moves=source.motion is not None),
             DoubtedCheck(source.config, has_2d_boxes=box_source(source.config, source.rig) != "none"),
         )
-        self._make_graph = partial(build_graph, source.config, source.rig, on_bad=drops.on_bad)
+        self._make_graph = partial(build_graph, source.config, source.rig, known, on_bad=drops.on_bad)
         self._graph, self._result = self._make_graph()
         self._graph.seconds["first look"] = first_look_s
         self._tracker = object_tracker(decided(source.config, source.rig), source.rig)
         check_box_source(source.config, source.recording, source.rig)
-        self._workers = source.config.run.workers or usable_cores()
         self._processes: Sequence[WorkerProcess] = ()
         self._seconds = time.perf_counter() - started  # loading a network belongs to a run
 
@@ -254,18 +246,13 @@ class Run:
                 passed()
 
     def _stages(self) -> Generator[FrameResult, None, None]:
-        config, rig, workers = self.source.config, self.source.rig, self._workers
-        found = bundles(self.source, self._drops, self._stats, self._clocks)
-        if workers == 1:
-            return self._graph.run(self._result, found)
-        return run_parallel(
-            self._graph,
-            self._result,
-            found,
-            Limits(workers, 2 * workers + 1, _memory_of, config.limits.max_waiting_bytes),
+        return results(
+            (self._graph, self._result),
+            bundles(self.source, self._drops, self._stats, self._clocks),
+            self.source,
             make_graph=self._make_graph,
+            workers=self._workers,
             expected=expected_frames(self.source),
-            needed=partial(_needed, decoded=decoded_topics(config, rig)),
             started=self._processes,
         )
 
@@ -349,24 +336,6 @@ class Run:
 def _share(recording: Recording, log_time_ns: int) -> float:
     """Share of a recording that was logged by a time, 0 to 1."""
     return (log_time_ns - recording.start_ns) / max(recording.end_ns - recording.start_ns, 1)
-
-
-def _memory_of(bundle: SensorBundle) -> int:
-    """Approximate memory of the work on a frame, bytes."""
-    in_work = sum(
-        len(message.data) * (CLOUD_GROWTH if message.channel.msgtype in CLOUD else IMAGE_GROWTH)
-        for message in bundle.messages.values()
-    )
-    return in_work + sum(len(message.data) for message in bundle.copied)
-
-
-def _needed(bundle: SensorBundle, decoded: Collection[str]) -> SensorBundle:
-    """A bundle without the data that no stage reads: messages that are not decoded keep only their stamps."""
-    messages = {
-        topic: message._replace(data=memoryview(message.data) if topic in decoded else b"")
-        for topic, message in bundle.messages.items()
-    }
-    return replace(bundle, messages=messages, copied=(), truth=())
 
 
 def _advance(run: Run, inputs: InputFiles, observer: RunObserver) -> None:

@@ -1,6 +1,9 @@
 """The sources of the boxes of a frame: networks, clusters, or the recording."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import chain
 from os.path import isfile
 from pathlib import Path
 from typing import Any, Literal
@@ -9,8 +12,9 @@ from lidcam.networks.known import NETWORKS, fetched_network, network_path
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
 from lidcam.pipeline.core.errors import ModelError, RecordingError
-from lidcam.pipeline.core.frame import Decoded, SensorBundle
-from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.frame import Decoded, FrameResult, SensorBundle
+from lidcam.pipeline.core.optics.images import Image
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.cluster.kinds import knows
 from lidcam.pipeline.detectors.onnx.class_names import COCO_LABELS
@@ -22,7 +26,55 @@ from lidcam.readers.streams.decoders import ImageDecoder, OnBadMessage, Recorded
 
 BoxSource = Literal["onnx", "recorded", "none"]
 
+DetectInCloud = Callable[[CombinedCloud], Boxes3D]
+DetectInImages = Callable[[Mapping[str, Image], CombinedCloud], Mapping[str, Boxes2D]]
+
 ADVICE = "The cameras are not used: no 2D network. Type `lidcam fetch yolox-nano`, then run this command again."
+
+
+@dataclass
+class KnownBoxes:
+    """Boxes that networks and clusters have found before the run; a frame of the same messages takes them over.
+
+    Attributes:
+        lidar: 3D boxes, by the messages of a frame's lidars.
+        cameras: 2D boxes by camera name, by the messages of its lidars and cameras.
+    """
+
+    lidar: dict[object, Boxes3D] = field(default_factory=dict)
+    cameras: dict[object, Mapping[str, Boxes2D]] = field(default_factory=dict)
+
+    def keep(self, rig: Rig, frame: FrameResult) -> None:
+        """Keep the boxes of a frame."""
+        self.lidar[_messages(frame.bundle, rig.lidars)] = frame.detections.lidar
+        self.cameras[_messages(frame.bundle, rig.lidars, rig.cameras)] = frame.detections.cameras
+
+    def in_cloud(
+        self, rig: Rig, detect: Callable[[CombinedCloud], Boxes3D], bundle: SensorBundle, combined: CombinedCloud
+    ) -> Boxes3D:
+        """The 3D boxes of a frame, detected unless they are known."""
+        known = self.lidar.get(_messages(bundle, rig.lidars))
+        return detect(combined) if known is None else known
+
+    def in_images(
+        self,
+        rig: Rig,
+        detect: DetectInImages,
+        bundle: SensorBundle,
+        images: Decoded[Image],
+        combined: CombinedCloud,
+    ) -> Mapping[str, Boxes2D]:
+        """The 2D boxes of a frame, detected unless they are known; the run may have moved the stamps of the images."""
+        known = self.cameras.get(_messages(bundle, rig.lidars, rig.cameras))
+        if known is None:
+            return detect(images, combined)
+        return {name: replace(boxes, stamp_ns=images[name].stamp_ns) for name, boxes in known.items()}
+
+
+def _messages(bundle: SensorBundle, *sensors: Iterable[LidarSensor | CameraSensor]) -> object:
+    """The time of a frame, and the places in the recording of its messages of some sensors."""
+    found = (bundle.messages.get(sensor.topic) for sensor in chain.from_iterable(sensors))
+    return bundle.stamp_ns, tuple(message and message.order for message in found)
 
 
 def box_source(config: Config, rig: Rig) -> BoxSource:
@@ -103,7 +155,13 @@ def check_box_source(config: Config, recording: Recording, rig: Rig) -> None:
 
 
 def add_boxes3d(
-    graph: Graph[SensorBundle], config: Config, rig: Rig, combined: Node[CombinedCloud], *, on_bad: OnBadMessage
+    graph: Graph[SensorBundle],
+    config: Config,
+    rig: Rig,
+    combined: Node[CombinedCloud],
+    known: KnownBoxes,
+    *,
+    on_bad: OnBadMessage,
 ) -> tuple[Node[Decoded[Boxes3D]], Node[Boxes3D]]:
     """The decoded messages of recorded 3D detectors, if they are used, and the frame's 3D boxes."""
     from lidcam.pipeline.stages.detect3d import (
@@ -114,7 +172,7 @@ def add_boxes3d(
     if config.detect3d.method != "recorded":
         nothing = graph.add_stage("no recorded 3D boxes", _no_boxes3d, graph.frame, timed=False)
         detect = Detect3D(rig, config, has_2d_boxes=box_source(config, rig) != "none")
-        return nothing, graph.add_stage("detect 3D", detect, combined)
+        return nothing, graph.add_stage("detect 3D", partial(known.in_cloud, rig, detect), graph.frame, combined)
     from lidcam.readers.streams.recorded3d import RecordedBoxes3D
 
     recorded = graph.add_stage("read 3D boxes", RecordedBoxes3D(rig, config, on_bad=on_bad), graph.frame)
@@ -122,7 +180,13 @@ def add_boxes3d(
 
 
 def add_boxes2d(
-    graph: Graph[SensorBundle], config: Config, rig: Rig, combined: Node[CombinedCloud], *, on_bad: OnBadMessage
+    graph: Graph[SensorBundle],
+    config: Config,
+    rig: Rig,
+    combined: Node[CombinedCloud],
+    known: KnownBoxes,
+    *,
+    on_bad: OnBadMessage,
 ) -> tuple[Node[Decoded[Any]], Node[Mapping[str, Boxes2D]], frozenset[tuple[int, int]]]:
     """The decoded messages of the cameras, the 2D boxes by camera name, and `Detect2D.riders`.
 
@@ -149,7 +213,8 @@ def add_boxes2d(
     images = graph.add_stage("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
     detector = OnnxDetector2D(network_path(model), config.detect2d)
     detect2d = Detect2D(rig, config, detector)
-    return images, graph.add_stage("detect 2D", detect2d, images, combined), detect2d.riders
+    found = graph.add_stage("detect 2D", partial(known.in_images, rig, detect2d), graph.frame, images, combined)
+    return images, found, detect2d.riders
 
 
 def _wanted_boxes(config: Config, rig: Rig) -> BoxSource:

@@ -1,6 +1,6 @@
-"""From a bundle to a result: the stages of a frame; `lidcam.run.frames` makes the bundles."""
+"""From bundles to results: the stages of a frame, shared among processes; `lidcam.run.frames` makes the bundles."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,9 @@ from lidcam.pipeline.fusion.belief.visibility import find_visibility
 from lidcam.pipeline.fusion.cameras.placing import Placed
 from lidcam.pipeline.fusion.zones import select_by_zones
 from lidcam.pipeline.graph import Graph, Node
+from lidcam.pipeline.parallel.process import WorkerProcess
+from lidcam.pipeline.parallel.run import Limits, run_parallel
+from lidcam.pipeline.parallel.worker import MakeGraph
 from lidcam.pipeline.stages.associate import Associate
 from lidcam.pipeline.stages.believe import Believe
 from lidcam.pipeline.stages.classify import Classify
@@ -32,12 +35,22 @@ from lidcam.pipeline.stages.refine import Refine
 from lidcam.pipeline.stages.reshape import Reshape
 from lidcam.pipeline.stages.views import Views
 from lidcam.pipeline.tracking.sightings import find_end_points
+from lidcam.readers.rig.sensor_topics import CLOUD
 from lidcam.readers.streams.decoders import CloudDecoder, OnBadMessage
-from lidcam.run.box_sources import add_boxes2d, add_boxes3d, box_source, engine_3d, network_3d
+from lidcam.run.box_sources import KnownBoxes, add_boxes2d, add_boxes3d, box_source, engine_3d, network_3d
+from lidcam.run.frames import RunInput, decoded_topics
+
+CLOUD_GROWTH = 16
+"""Memory of the work on a cloud, in sizes of its message, roughly."""
+
+IMAGE_GROWTH = 3
+"""The same for an image."""
 
 
-def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Graph[SensorBundle], Node[FrameResult]]:
-    """The stages from a bundle of undecoded messages to a frame's result.
+def build_graph(
+    config: Config, rig: Rig, known: KnownBoxes, *, on_bad: OnBadMessage
+) -> tuple[Graph[SensorBundle], Node[FrameResult]]:
+    """The stages from a bundle of undecoded messages to a frame's result; boxes that are known are not detected again.
 
     Raises:
         ModelError: a network cannot be loaded.
@@ -46,8 +59,8 @@ def build_graph(config: Config, rig: Rig, *, on_bad: OnBadMessage) -> tuple[Grap
     # Detections of each sensor.
     clouds = graph.add_stage("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
     combined = graph.add_stage("combine", Combine(rig, config.combine), graph.frame, clouds)
-    recorded3d, lidar = add_boxes3d(graph, config, rig, combined, on_bad=on_bad)
-    camera_data, boxes2d, riders = add_boxes2d(graph, config, rig, combined, on_bad=on_bad)
+    recorded3d, lidar = add_boxes3d(graph, config, rig, combined, known, on_bad=on_bad)
+    camera_data, boxes2d, riders = add_boxes2d(graph, config, rig, combined, known, on_bad=on_bad)
     views = graph.add_stage("views", Views(rig, config.combine.motion), graph.frame)
     place = Place(rig, config.fuse, config.classes, ground_distance_m=config.combine.ground.distance_m)
     placed = graph.add_stage("place", place, combined, boxes2d, views)
@@ -165,3 +178,58 @@ def _collect(
 def _with_odometry(find: FindOdometry, site_frame: str, result: FrameResult) -> FrameResult:
     recorded = result.bundle.pose_of(site_frame)
     return replace(result, odometry=find(result.combined, result.bundle.stamp_ns, recorded))
+
+
+def results(
+    stages: tuple[Graph[SensorBundle], Node[FrameResult]],
+    found: Iterator[SensorBundle],
+    source: RunInput,
+    *,
+    make_graph: MakeGraph,
+    workers: int,
+    expected: int,
+    started: Sequence[WorkerProcess],
+) -> Generator[FrameResult, None, None]:
+    """The results of bundles, in order.
+
+    Args:
+        stages: The stages, and the one whose output is wanted.
+        found: The bundles.
+        source: The recording, its sensors and the settings.
+        make_graph: Makes the stages anew, in another process.
+        workers: Largest number of processes, this one included.
+        expected: Expected number of bundles.
+        started: Other processes that have been started.
+
+    Raises:
+        WorkerError: another process cannot be started, or dies.
+    """
+    if workers == 1:
+        return stages[0].run(stages[1], found)
+    return run_parallel(
+        *stages,
+        found,
+        Limits(workers, 2 * workers + 1, _memory_of, source.config.limits.max_waiting_bytes),
+        make_graph=make_graph,
+        expected=expected,
+        needed=partial(_needed, decoded=decoded_topics(source.config, source.rig)),
+        started=started,
+    )
+
+
+def _memory_of(bundle: SensorBundle) -> int:
+    """Approximate memory of the work on a frame, bytes."""
+    in_work = sum(
+        len(message.data) * (CLOUD_GROWTH if message.channel.msgtype in CLOUD else IMAGE_GROWTH)
+        for message in bundle.messages.values()
+    )
+    return in_work + sum(len(message.data) for message in bundle.copied)
+
+
+def _needed(bundle: SensorBundle, decoded: Collection[str]) -> SensorBundle:
+    """A bundle without the data that no stage reads: messages that are not decoded keep only their stamps."""
+    messages = {
+        topic: message._replace(data=memoryview(message.data) if topic in decoded else b"")
+        for topic, message in bundle.messages.items()
+    }
+    return replace(bundle, messages=messages, copied=(), truth=())

@@ -9,6 +9,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -16,13 +17,14 @@ import numpy as np
 from lidcam.pipeline.calibration.camera_error import camera_error
 from lidcam.pipeline.calibration.pairs import TrackedPairs, tracked_pairs
 from lidcam.pipeline.core.arrays import join_rows
-from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.frame import FrameResult, SensorBundle
 from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.parallel.process import copied_workers
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.pipeline.tracking.trackers import object_tracker
-from lidcam.run.box_sources import box_source
-from lidcam.run.build import build_graph, decided
-from lidcam.run.frames import RunInput, TimeWindow, bundles, sensor_clocks
+from lidcam.run.box_sources import KnownBoxes, box_source
+from lidcam.run.build import build_graph, decided, results
+from lidcam.run.frames import RunInput, TimeWindow, bundles, expected_frames, sensor_clocks
 from lidcam.run.tally import DropTable
 
 STRETCH_FRAMES = 3
@@ -38,8 +40,13 @@ FREE = np.array([True, True, True, False, False, False, True])
 """Values that are corrected: direction and clock. A wrong place of a camera looks much like a habit of its detector."""
 
 
-def corrected_by_recording(source: RunInput) -> RunInput:
+def corrected_by_recording(source: RunInput, known: KnownBoxes, workers: int) -> RunInput:
     """The source with cameras corrected by the recording; a camera that shows too little stays as recorded.
+
+    Args:
+        source: The recording, its sensors and the settings.
+        known: Gets the boxes of the frames that are looked at.
+        workers: Largest number of processes.
 
     Raises:
         ModelError: a network cannot be loaded.
@@ -48,7 +55,7 @@ def corrected_by_recording(source: RunInput) -> RunInput:
     if config.fuse.calibration == "recorded" or box_source(config, rig) == "none" or not rig.lidars:
         return source
     found = defaultdict[str, list[TrackedPairs]](list)
-    for frame in _looked_at(source):
+    for frame in _looked_at(source, known, workers):
         for name, pairs in tracked_pairs(frame):
             found[name].append(pairs)
     cameras = tuple(_corrected(camera, found[camera.name], source) for camera in rig.cameras)
@@ -61,26 +68,38 @@ def _corrected(camera: CameraSensor, found: list[TrackedPairs], source: RunInput
     return camera if error is None else error.applied_to(camera)
 
 
-def _looked_at(source: RunInput) -> Iterator[FrameResult]:
+def _looked_at(source: RunInput, known: KnownBoxes, workers: int) -> Iterator[FrameResult]:
     """The frames of some stretches, with online tracks."""
     track = source.config.track.model_copy(update={"mode": "online", "odometry": "recorded"})
     config = source.config.model_copy(update={"track": track})
+    source = replace(source, config=config, copied=(), drawn=())
     drops = DropTable("skip")
-    graph, result = build_graph(config, source.rig, on_bad=drops.on_bad)
-    tracker = object_tracker(decided(config, source.rig), source.rig)
+    make_graph = partial(build_graph, config, source.rig, known, on_bad=drops.on_bad)
+    stages, tracker = make_graph(), object_tracker(decided(config, source.rig), source.rig)
     if tracker is None:
         raise AssertionError("online tracks have a tracker")
+    expected = round(min(expected_frames(source) * MAX_SHARE, MAX_STRETCHES * STRETCH_FRAMES))
+    how = partial(results, make_graph=make_graph, workers=workers, expected=expected)
+    with (
+        copied_workers(*stages, workers=workers, frames=expected) as started,
+        closing(how(stages, _bundles(source, drops), source, started=started)) as frames,
+    ):
+        for frame in frames:
+            known.keep(source.rig, frame)
+            yield replace(frame, fused=tracker.add_frame(frame)[0])
+
+
+def _bundles(source: RunInput, drops: DropTable) -> Iterator[SensorBundle]:
+    """The bundles of some stretches."""
     recording, window = source.recording, source.window
     start_ns = recording.start_ns if window.start_ns is None else window.start_ns
     stop_ns = recording.end_ns + 1 if window.stop_ns is None else min(window.stop_ns, recording.end_ns + 1)
     waiting, stamps_ns = [start_ns], list[int]()
     while waiting:
-        stretch = replace(source, config=config, window=TimeWindow(waiting.pop(0), stop_ns), copied=(), drawn=())
-        found = bundles(stretch, drops, SyncStats(), sensor_clocks(source.rig, drops))
-        with closing(graph.run(result, islice(found, STRETCH_FRAMES))) as frames:
-            for frame in frames:
-                stamps_ns.append(frame.bundle.stamp_ns)
-                yield replace(frame, fused=tracker.add_frame(frame)[0])
+        stretch = replace(source, window=TimeWindow(waiting.pop(0), stop_ns))
+        for bundle in islice(bundles(stretch, drops, SyncStats(), sensor_clocks(source.rig, drops)), STRETCH_FRAMES):
+            stamps_ns.append(bundle.stamp_ns)
+            yield bundle
         if 1 < len(stamps_ns) <= STRETCH_FRAMES:  # the first stretch shows how far apart frames are
             waiting = later_stretches(start_ns, stop_ns, (stamps_ns[-1] - stamps_ns[0]) / (len(stamps_ns) - 1))
 

@@ -97,8 +97,8 @@ def is_at_work(run: subprocess.Popen[str]) -> bool:
 
 
 def test_a_process_that_is_killed_ends_the_run_with_one_line(run: subprocess.Popen[str], tmp_path: Path) -> None:
+    assert is_at_work(run)  # the first look had a process of its own
     other = other_process(run)
-    assert is_at_work(run)
     os.kill(other, signal.SIGKILL)
     _, told = run.communicate()
     errors = [line for line in told.splitlines() if line.startswith("lidcam: error:")]
@@ -111,8 +111,8 @@ def test_a_process_that_is_killed_ends_the_run_with_one_line(run: subprocess.Pop
 
 
 def test_ctrl_c_ends_all_processes_at_once(run: subprocess.Popen[str], tmp_path: Path) -> None:
+    assert is_at_work(run)  # the first look had a process of its own
     other = other_process(run)
-    assert is_at_work(run)
     os.killpg(run.pid, signal.SIGINT)
     _, told = run.communicate()
     assert told.splitlines()[-1] == "lidcam: interrupted"

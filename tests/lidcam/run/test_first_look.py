@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import NoReturn
 from unittest.mock import patch
 
 import numpy as np
@@ -11,11 +12,14 @@ import pytest
 from wrong_cameras import CAMERA, cuboids, passing, without_tracks
 
 import lidcam
-from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.frame import Decoded, FrameResult
 from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.rig import CameraFit, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.stages.detect3d import Detect3D
 from lidcam.readers.open import open_recording
+from lidcam.run.box_sources import KnownBoxes
 from lidcam.run.first_look import STRETCH_FRAMES, corrected_by_recording, later_stretches
 from lidcam.run.frames import RunInput
 from lidcam.run.summary import camera_corrections
@@ -37,7 +41,7 @@ def corrected(source: RunInput, frames: list[FrameResult]) -> Rig:
         patch("lidcam.run.first_look.box_source", return_value="recorded"),
         patch("lidcam.run.first_look._looked_at", return_value=frames),
     ):
-        return corrected_by_recording(source).rig
+        return corrected_by_recording(source, KnownBoxes(), 1).rig
 
 
 @pytest.mark.parametrize(
@@ -72,7 +76,7 @@ def test_a_camera_that_shows_too_little_stays_as_recorded(crossing: RunInput, fr
 def test_nothing_is_looked_at_without_need(crossing: RunInput, setting: dict[str, str]) -> None:
     config = lidcam.make_job(CROSSING, settings=setting).config
     with patch("lidcam.run.first_look._looked_at", side_effect=AssertionError):
-        assert corrected_by_recording(replace(crossing, config=config)).rig is RIG
+        assert corrected_by_recording(replace(crossing, config=config), KnownBoxes(), 1).rig is RIG
 
 
 @pytest.mark.parametrize("frames", [1, 2, 17, 18, 200, 100_000])
@@ -92,3 +96,25 @@ def test_a_run_counts_each_message_once() -> None:
     )
     assert first.inputs.messages_used == second.inputs.messages_used
     assert first.drops.messages == second.drops.messages
+
+
+def test_no_box_is_looked_for_twice() -> None:
+    with patch.object(Detect3D, "__call__", autospec=True, side_effect=Detect3D.__call__) as detect:
+        summary = lidcam.process(CROSSING, settings={"output.images": False, "run.workers": 1}).summary
+    assert detect.call_count == summary.frames.count > 1
+
+
+def test_boxes_in_images_are_taken_over_with_the_stamps_of_the_run() -> None:
+    [frame] = passing(frames=1)
+    known, rig = KnownBoxes(), replace(RIG, cameras=(CAMERA,))
+    known.keep(rig, frame)
+    later = Decoded({"cam": Image(17, "cam", np.zeros((4, 4, 3), np.uint8))})
+    found = known.in_images(rig, no_detector, frame.bundle, later, frame.combined)
+    np.testing.assert_array_equal(found["cam"].xyxy, frame.detections.cameras["cam"].xyxy)
+    assert found["cam"].stamp_ns == 17
+    with pytest.raises(AssertionError, match="asked"):
+        known.in_images(rig, no_detector, replace(frame.bundle, stamp_ns=1), later, frame.combined)
+
+
+def no_detector(*_: object) -> NoReturn:
+    raise AssertionError("asked")
