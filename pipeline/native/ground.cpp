@@ -40,7 +40,7 @@ LIDCAM_PART float height_of(const Plane &plane, float x, float y, float z) {
 }
 
 // Cells of a series of points along one axis.
-LIDCAM_PART void find_cells(const float *places, int count, float cell_m, int32_t *cells) {
+LIDCAM_HOT void find_cells(const float *places, int count, float cell_m, int32_t *cells) {
     const float largest = float(MAX_CELL);
     for (int j = 0; j < count; j++) {
         float cell = std::floor(places[j] / cell_m);
@@ -59,17 +59,18 @@ LIDCAM_PART uint64_t slot_of(int32_t column, int32_t line, int shift) {
     return (((uint64_t(uint32_t(column)) << 32) | uint32_t(line)) * SPREAD) >> shift;
 }
 
-// Adds the occupied cells in the order in which they are met. A table of hashes says where each is; it grows with them.
-LIDCAM_HOT void find_lowest(const float *x, const float *y, const float *z, int64_t count, float cell_m,
-                            std::vector<Lowest> &found) {
+// The occupied cells in the order in which they are met. A table of hashes says where each is; it grows with them.
+std::vector<Lowest> lowest_as_met(const Points &points, float cell_m) {
+    const float *z = points.z;
+    std::vector<Lowest> found;
     uint64_t slots = 4096;
     int shift = 52;
     std::vector<int32_t> in_slot(slots, -1);
     int32_t columns[CHUNK], lines[CHUNK];
-    for (int64_t start = 0; start < count; start += CHUNK) {
-        const int size = int(std::min<int64_t>(CHUNK, count - start));
-        find_cells(x + start, size, cell_m, columns);
-        find_cells(y + start, size, cell_m, lines);
+    for (int64_t start = 0; start < points.count; start += CHUNK) {
+        const int size = int(std::min<int64_t>(CHUNK, points.count - start));
+        find_cells(points.x + start, size, cell_m, columns);
+        find_cells(points.y + start, size, cell_m, lines);
         for (int j = 0; j < size; j++) {
             const int32_t i = int32_t(start) + j, column = columns[j], line = lines[j];
             uint64_t slot = slot_of(column, line, shift);
@@ -99,14 +100,14 @@ LIDCAM_HOT void find_lowest(const float *x, const float *y, const float *z, int6
             }
         }
     }
+    return found;
 }
 
 nb::object lowest_of_cells(In2<float> rows, float cell_m) {
     std::vector<Lowest> cells;
     {
         nb::gil_scoped_release unlocked;
-        const Points points(rows);
-        find_lowest(points.x, points.y, points.z, points.count, cell_m, cells);
+        cells = lowest_as_met(Points(rows), cell_m);
         int64_t left = MAX_CELL, right = -MAX_CELL, low = MAX_CELL, high = -MAX_CELL;
         for (const Lowest &one : cells) {
             left = std::min<int64_t>(left, one.column);

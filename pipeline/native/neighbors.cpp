@@ -12,6 +12,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <limits>
+#include <memory>
 #include <vector>
 
 namespace {
@@ -22,23 +23,8 @@ constexpr int RANKS = 10;  // neighbours inserted in one pass: `outliers.NEIGHBO
 // The square of all distances whose square is not below it.
 constexpr float LARGEST = std::numeric_limits<float>::max();
 
-// Numbers of one register. Not aligned: GCC 12 aligns it to 32 bytes in one clone of a function and to 16 in the other.
-#if defined(__x86_64__)
-constexpr int LANES = 8;
-#else
-constexpr int LANES = 4;
-#endif
-constexpr int PARTS = RUN / LANES;
-typedef float Lanes __attribute__((vector_size(4 * LANES), aligned(4)));
-typedef int32_t Mask __attribute__((vector_size(4 * LANES), aligned(4)));
-
 // A number for each point of a run, or for each run of a block.
-struct Row {
-    Lanes parts[PARTS];
-
-    const float *begin() const { return reinterpret_cast<const float *>(parts); }
-    float *begin() { return reinterpret_cast<float *>(parts); }
-};
+using Row = float[RUN];
 
 struct Run {
     Row axes[3];
@@ -54,6 +40,38 @@ struct Block {
     Box whole;
 };
 
+// A cloud in runs and blocks.
+struct Cloud {
+    std::vector<Run> points;
+    std::vector<Box> boxes;  // around each run
+    std::vector<Block> blocks;
+    int64_t count;  // of the points; those of the last runs are repeats of the last one
+};
+
+// Vectors of numbers: four that every processor takes at once, eight where there is AVX2.
+typedef float Four __attribute__((vector_size(16)));
+typedef float Eight __attribute__((vector_size(32)));
+
+// How many vectors a row is.
+template <class Lanes> constexpr int PARTS = sizeof(Row) / sizeof(Lanes);
+
+template <class Lanes> LIDCAM_PART Lanes part_of(const Row &row, int part) {
+    Lanes lanes;
+    std::memcpy(&lanes, row + part * (RUN / PARTS<Lanes>), sizeof lanes);
+    return lanes;
+}
+
+template <class Lanes> LIDCAM_PART void set_part(Row &row, int part, Lanes lanes) {
+    std::memcpy(row + part * (RUN / PARTS<Lanes>), &lanes, sizeof lanes);
+}
+
+template <class Mask> LIDCAM_PART bool is_any(Mask mask) {
+    int64_t pairs[sizeof(Mask) / sizeof(int64_t)], any = 0;
+    std::memcpy(pairs, &mask, sizeof pairs);
+    for (const int64_t pair : pairs) any |= pair;
+    return any != 0;
+}
+
 template <class T> LIDCAM_PART T smaller(T a, T b) { return a < b ? a : b; }
 
 template <class T> LIDCAM_PART T larger(T a, T b) { return a > b ? a : b; }
@@ -64,105 +82,112 @@ template <class T> LIDCAM_PART T beyond(T low, T high, float other_low, float ot
     return gap * gap;
 }
 
-// The squared distance of boxes from another one.
-template <class T> LIDCAM_PART T gap_of(const T (&low)[3], const T (&high)[3], const Box &box) {
-    T gap = beyond(low[0], high[0], box.low[0], box.high[0]);
-    gap += beyond(low[1], high[1], box.low[1], box.high[1]);
-    return gap + beyond(low[2], high[2], box.low[2], box.high[2]);
+LIDCAM_PART float gap_of(const Box &box, const Box &other) {
+    float gap = beyond(box.low[0], box.high[0], other.low[0], other.high[0]);
+    gap += beyond(box.low[1], box.high[1], other.low[1], other.high[1]);
+    return gap + beyond(box.low[2], box.high[2], other.low[2], other.high[2]);
 }
 
-LIDCAM_PART Lanes gap_of(const Row (&low)[3], const Row (&high)[3], int part, const Box &box) {
-    const Lanes lows[3] = {low[0].parts[part], low[1].parts[part], low[2].parts[part]};
-    const Lanes highs[3] = {high[0].parts[part], high[1].parts[part], high[2].parts[part]};
-    return gap_of(lows, highs, box);
-}
-
-LIDCAM_PART bool is_any(Mask mask) {
-    int64_t bits[LANES / 2];
-    std::memcpy(bits, &mask, sizeof bits);
-    int64_t any = 0;
-    for (const int64_t pair : bits) any |= pair;
-    return any != 0;
+// The squared distances of some boxes from another one.
+template <class Lanes> LIDCAM_PART Lanes gaps_of(const Row *low, const Row *high, int part, const Box &box) {
+    Lanes gaps{};
+    for (int axis = 0; axis < 3; axis++)
+        gaps += beyond<Lanes>(part_of<Lanes>(low[axis], part), part_of<Lanes>(high[axis], part), box.low[axis],
+                              box.high[axis]);
+    return gaps;
 }
 
 // Whether a box is nearer to one of the points than `farthest` of it, squared.
-LIDCAM_PART bool is_any_nearer(const Run &own, const Box &box, const Row &farthest) {
-    Mask nearer = {};
-    for (int part = 0; part < PARTS; part++) nearer |= gap_of(own.axes, own.axes, part, box) < farthest.parts[part];
+template <class Lanes> LIDCAM_PART bool is_any_nearer(const Run &own, const Box &box, const Row &farthest) {
+    auto nearer = Lanes{} < Lanes{};
+    for (int part = 0; part < PARTS<Lanes>; part++)
+        nearer |= gaps_of<Lanes>(own.axes, own.axes, part, box) < part_of<Lanes>(farthest, part);
     return is_any(nearer);
 }
 
-// Compares the points of a run with those of another one; returns the largest of `farthest` then.
-LIDCAM_PART float compared(const Run &own, const Box &box, const Run &others, int64_t count, bool is_same, float limit,
-                           Row *nearest, int64_t passes, const Row &farthest) {
+// Compares the points of a run with those of another one. `nearest`: zeros, then the least square of each point, the
+// second, ...; `limit`: the largest of the last ones asked for. Returns what this is then.
+template <class Lanes>
+LIDCAM_PART float compared(const Cloud &cloud, int64_t run, int64_t other, Row *nearest, int64_t neighbors,
+                           float limit) {
+    const Run &own = cloud.points[run], &others = cloud.points[other];
+    const Row &farthest = nearest[neighbors];
+    const int64_t count = std::min<int64_t>(RUN, cloud.count - other * RUN), passes = (neighbors + RANKS - 1) / RANKS;
     Row gaps, squares;
-    for (int part = 0; part < PARTS; part++) gaps.parts[part] = gap_of(others.axes, others.axes, part, box);
+    for (int part = 0; part < PARTS<Lanes>; part++)
+        set_part(gaps, part, gaps_of<Lanes>(others.axes, others.axes, part, cloud.boxes[run]));
     for (int64_t j = 0; j < count; j++) {
-        if (!(gaps.begin()[j] < limit)) continue;
-        const float x = others.axes[0].begin()[j], y = others.axes[1].begin()[j], z = others.axes[2].begin()[j];
-        Mask nearer = {};
-        for (int part = 0; part < PARTS; part++) {
-            const Lanes dx = own.axes[0].parts[part] - x;
-            const Lanes dy = own.axes[1].parts[part] - y;
-            const Lanes dz = own.axes[2].parts[part] - z;
-            squares.parts[part] = dx * dx + dy * dy + dz * dz;
-            nearer |= squares.parts[part] < farthest.parts[part];
+        if (!(gaps[j] < limit)) continue;
+        auto nearer = Lanes{} < Lanes{};
+        for (int part = 0; part < PARTS<Lanes>; part++) {
+            const Lanes dx = part_of<Lanes>(own.axes[0], part) - others.axes[0][j];
+            const Lanes dy = part_of<Lanes>(own.axes[1], part) - others.axes[1][j];
+            const Lanes dz = part_of<Lanes>(own.axes[2], part) - others.axes[2][j];
+            const Lanes square = dx * dx + dy * dy + dz * dz;
+            nearer |= square < part_of<Lanes>(farthest, part);
+            set_part(squares, part, square);
         }
         if (!is_any(nearer)) continue;
-        if (is_same) squares.begin()[j] = LARGEST;  // no point is its own neighbour
+        if (other == run) squares[j] = LARGEST;  // no point is its own neighbour
         for (int64_t pass = passes - 1; pass >= 0; pass--) {
             Row *rows = nearest + pass * RANKS;
-            for (int part = 0; part < PARTS; part++) {
-                const Lanes square = squares.parts[part];
-                Lanes here = rows[RANKS].parts[part];
+            for (int part = 0; part < PARTS<Lanes>; part++) {
+                const Lanes square = part_of<Lanes>(squares, part);
+                Lanes here = part_of<Lanes>(rows[RANKS], part);
                 for (int rank = RANKS; rank > 0; rank--) {
-                    const Lanes before = rows[rank - 1].parts[part];
-                    rows[rank].parts[part] = larger<Lanes>(before, smaller<Lanes>(here, square));
+                    const Lanes before = part_of<Lanes>(rows[rank - 1], part);
+                    set_part(rows[rank], part, larger<Lanes>(before, smaller<Lanes>(here, square)));
                     here = before;
                 }
             }
         }
     }
     float highest = 0;
-    for (int i = 0; i < RUN; i++) highest = larger(highest, farthest.begin()[i]);
+    for (int i = 0; i < RUN; i++) highest = larger(highest, farthest[i]);
     return highest;
 }
 
 // Writes the mean distance of each point to its nearest neighbours, those of whole runs.
-LIDCAM_HOT void find_means(const Run *points, const Box *boxes, const Block *blocks, int64_t block_count, int64_t count,
-                           int64_t neighbors, Row *nearest, float *means) {
-    // `nearest`: zeros, then the least square of each point of a run, the second, ...
-    const int64_t runs = (count + RUN - 1) / RUN, passes = (neighbors + RANKS - 1) / RANKS;
-    const Row &farthest = nearest[neighbors];
+template <class Lanes> LIDCAM_PART void find_means(const Cloud &cloud, int64_t neighbors, float *means) {
+    const int64_t runs = (cloud.count + RUN - 1) / RUN, passes = (neighbors + RANKS - 1) / RANKS;
+    const std::unique_ptr<Row[]> nearest(new Row[passes * RANKS + 1]());
     Row gaps;
-    double totals[RUN];
     for (int64_t run = 0; run < runs; run++) {
-        const Run &own = points[run];
-        const Box &box = boxes[run];
+        const Box &box = cloud.boxes[run];
         float limit = LARGEST;
-        std::fill(nearest[1].begin(), nearest[passes * RANKS + 1].begin(), LARGEST);
-        for (const int64_t other : {run, run - 1, run + 1}) {  // near on the curve is near in space as a rule
-            if (other < 0 || other >= runs) continue;
-            const int64_t there = std::min<int64_t>(RUN, count - other * RUN);
-            limit = compared(own, box, points[other], there, other == run, limit, nearest, passes, farthest);
-        }
-        for (int64_t block = 0; block < block_count; block++) {
-            const Block &others = blocks[block];
-            if (gap_of(others.whole.low, others.whole.high, box) >= limit) continue;
-            for (int part = 0; part < PARTS; part++) gaps.parts[part] = gap_of(others.low, others.high, part, box);
+        std::fill(nearest[1], nearest[passes * RANKS] + RUN, LARGEST);
+        for (const int64_t other : {run, run - 1, run + 1})  // near on the curve is near in space as a rule
+            if (other >= 0 && other < runs) limit = compared<Lanes>(cloud, run, other, nearest.get(), neighbors, limit);
+        for (size_t block = 0; block < cloud.blocks.size(); block++) {
+            const Block &others = cloud.blocks[block];
+            if (gap_of(others.whole, box) >= limit) continue;
+            for (int part = 0; part < PARTS<Lanes>; part++)
+                set_part(gaps, part, gaps_of<Lanes>(others.low, others.high, part, box));
             for (int i = 0; i < RUN; i++) {
-                const int64_t other = block * RUN + i;
-                if (!(gaps.begin()[i] < limit) || std::abs(other - run) <= 1) continue;
-                if (!is_any_nearer(own, boxes[other], farthest)) continue;
-                const int64_t there = std::min<int64_t>(RUN, count - other * RUN);
-                limit = compared(own, box, points[other], there, false, limit, nearest, passes, farthest);
+                const int64_t other = int64_t(block) * RUN + i;
+                if (!(gaps[i] < limit) || std::abs(other - run) <= 1) continue;
+                if (is_any_nearer<Lanes>(cloud.points[run], cloud.boxes[other], nearest[neighbors]))
+                    limit = compared<Lanes>(cloud, run, other, nearest.get(), neighbors, limit);
             }
         }
-        std::fill(totals, totals + RUN, 0.0);
+        double totals[RUN] = {};
         for (int64_t rank = 1; rank <= neighbors; rank++)
-            for (int i = 0; i < RUN; i++) totals[i] += std::sqrt(nearest[rank].begin()[i]);
+            for (int i = 0; i < RUN; i++) totals[i] += std::sqrt(nearest[rank][i]);
         for (int i = 0; i < RUN; i++) means[run * RUN + i] = float(totals[i] / double(neighbors));
     }
+}
+
+#if defined(LIDCAM_CLONED)
+__attribute__((target("avx2"))) void find_means_by_eight(const Cloud &cloud, int64_t neighbors, float *means) {
+    find_means<Eight>(cloud, neighbors, means);
+}
+#endif
+
+void find_means(const Cloud &cloud, int64_t neighbors, float *means) {
+#if defined(LIDCAM_CLONED)
+    if (__builtin_cpu_supports("avx2")) return find_means_by_eight(cloud, neighbors, means);
+#endif
+    find_means<Four>(cloud, neighbors, means);
 }
 
 // As PCL rounds: squares of distances, their sums and roots in float32, the sum over the neighbours, nearest first, in
@@ -179,20 +204,18 @@ nb::object mean_neighbor_distance_m(In2<float> xyz, int64_t neighbors) {
         const float *first = rows.data();
         if (count > 0) order_along_curve(first, first + count, first + 2 * count, count, order.data());
 
-        const int64_t block_count = (count + RUN * RUN - 1) / (RUN * RUN), runs = block_count * RUN;
-        std::vector<Run> points(runs);
-        std::vector<Box> boxes(runs);
-        std::vector<Block> blocks(block_count);
+        const int64_t blocks = (count + RUN * RUN - 1) / (RUN * RUN), runs = blocks * RUN;
+        Cloud cloud{std::vector<Run>(runs), std::vector<Box>(runs), std::vector<Block>(blocks), count};
         for (int64_t run = 0; run < runs; run++) {
-            Block &block = blocks[run / RUN];
-            Box &box = boxes[run];
-            const int of_block = int(run % RUN);
+            Block &block = cloud.blocks[run / RUN];
+            Box &box = cloud.boxes[run];
+            const int64_t of_block = run % RUN;
             for (int axis = 0; axis < 3; axis++) {
                 const float *along = first + axis * count;
-                float *own = points[run].axes[axis].begin();
+                Row &own = cloud.points[run].axes[axis];
                 for (int i = 0; i < RUN; i++) own[i] = along[order[std::min<int64_t>(run * RUN + i, count - 1)]];
-                box.low[axis] = block.low[axis].begin()[of_block] = *std::min_element(own, own + RUN);
-                box.high[axis] = block.high[axis].begin()[of_block] = *std::max_element(own, own + RUN);
+                box.low[axis] = block.low[axis][of_block] = *std::min_element(own, own + RUN);
+                box.high[axis] = block.high[axis][of_block] = *std::max_element(own, own + RUN);
             }
             if (of_block == 0) block.whole = box;
             for (int axis = 0; axis < 3; axis++) {
@@ -200,11 +223,8 @@ nb::object mean_neighbor_distance_m(In2<float> xyz, int64_t neighbors) {
                 block.whole.high[axis] = larger(block.whole.high[axis], box.high[axis]);
             }
         }
-        const int64_t passes = (neighbors + RANKS - 1) / RANKS;
-        std::vector<Row> nearest(passes * RANKS + 1);
         std::vector<float> means(runs * RUN);
-        find_means(points.data(), boxes.data(), blocks.data(), block_count, count, neighbors, nearest.data(),
-                   means.data());
+        find_means(cloud, neighbors, means.data());
         for (int64_t i = 0; i < count; i++) out[order[i]] = means[i];
     }
     return out.numpy();
