@@ -2,8 +2,7 @@
 //
 // The points are sorted along a curve and cut into runs of neighbours, with a box around each run and around each block
 // of runs. The points of a run look for neighbours together: boxes and points that are farther away than the known
-// neighbours are left out. The innermost loops go through the points of a run, or through boxes, so that the compiler
-// makes vectors of them.
+// neighbours are left out. The innermost loops go through the points of a run, or through boxes, in vectors.
 #include "arrays.h"
 #include "curve.h"
 
