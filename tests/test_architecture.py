@@ -36,6 +36,7 @@ MAY_IMPORT = {
         "lidcam.pipeline.filters",
         "lidcam.pipeline.fusion",
         "lidcam.pipeline.detectors",
+        "lidcam.pipeline.native",
     },
 }
 EXITS = {

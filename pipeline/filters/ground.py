@@ -6,14 +6,12 @@ known. Its score is the number of its points beyond those in the layers just abo
 hedge fills all three.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
-
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64, I64, Bools
 from lidcam.pipeline.core.clouds import Plane
 from lidcam.pipeline.core.settings.combine import GroundConfig
+from lidcam.pipeline.native.kernels import count_layers, lowest_of_cells, scatter_near, scatter_within
 
 SAMPLE_POINTS = 6000
 """Planes are sampled from, and scored on, at most this many points, every n-th of the cloud."""
@@ -43,9 +41,6 @@ PLANES = 200
 SEED = 0
 """Seed of the random choice of planes."""
 
-MAX_CELL = 1 << 30
-"""Largest index of a cell; points beyond fall into the last one."""
-
 
 def find_ground(
     xyz_site: F32,
@@ -53,7 +48,6 @@ def find_ground(
     *,
     config: GroundConfig,
     ground_height_m: float | None = None,
-    passes: "GroundPasses | None" = None,
 ) -> Plane | None:
     """The ground plane; None if there is none.
 
@@ -63,17 +57,16 @@ def find_ground(
             below each, or the level beams of a lidar in a room would be a floor.
         config: Limits. Equal input gives equal planes.
         ground_height_m: Expected z of the ground at the site's origin; None if unknown.
-        passes: How to go through all points, by default with numpy; the planes are the same but for rounding.
 
     Returns:
         None if no plane within the limits stands out from the layers above and below it, or if its points form only
         a line seen from above (the foot of a wall).
     """
-    passes, layer_m = passes or PLAIN, np.float32(LAYER_PER_DISTANCE * config.distance_m)
+    layer_m = LAYER_PER_DISTANCE * config.distance_m
     points = np.ascontiguousarray(xyz_site.T)  # a row per coordinate makes heights three times faster
     sample = np.ascontiguousarray(points[:, :: max(1, -(-len(xyz_site) // SAMPLE_POINTS))])
     reachable = _within_reach(sample, config, ground_height_m)
-    lowest = passes.lowest_of_cells(reachable, np.float32(CELL_PER_DISTANCE * config.distance_m))
+    lowest = lowest_of_cells(reachable, CELL_PER_DISTANCE * config.distance_m)
     if len(lowest) < 3:
         return None
     rng = np.random.Generator(np.random.PCG64(SEED))
@@ -83,15 +76,15 @@ def find_ground(
     if not len(planes):
         return None
     for scored in (np.ascontiguousarray(sample[:, ::THINNING]), sample):
-        held, beside = passes.count_layers(scored, planes.astype(np.float32), layer_m)
+        held, beside = count_layers(scored, planes.astype(np.float32), layer_m)
         planes = planes[np.argsort(beside - held, kind="stable")[:FINALISTS]]
     plane = planes[0]
     for cloud in [sample] * REFINEMENTS + [points]:
-        refined = _least_squares(cloud, plane, layer_m, passes)
+        refined = _least_squares(cloud, plane, layer_m)
         if refined is None or not _can_be_ground(refined[None], lidar_origins_site, limits)[0]:
             break
         plane = refined
-    if not _is_a_floor(points, plane, layer_m, passes):
+    if not _is_a_floor(points, plane, layer_m):
         return None
     return Plane(plane[:3].copy(), float(plane[3]))
 
@@ -113,9 +106,9 @@ def _limits(config: GroundConfig, ground_height_m: float | None) -> F64:
     return np.array([level, config.distance_m, ground_height_m, config.height_tolerance_m])
 
 
-def _least_squares(points: F32, plane: F64, layer_m: np.float32, passes: "GroundPasses") -> F64 | None:
+def _least_squares(points: F32, plane: F64, layer_m: float) -> F64 | None:
     """The plane (4,) fitted to the points near `plane`; None if there are fewer than 3."""
-    count, centre, scatter = passes.scatter_near(points, plane.astype(np.float32), layer_m)
+    count, centre, scatter = scatter_near(points, plane.astype(np.float32), layer_m)
     if count < 3:
         return None
     normal = np.linalg.eigh(scatter)[1][:, 0]
@@ -123,14 +116,14 @@ def _least_squares(points: F32, plane: F64, layer_m: np.float32, passes: "Ground
     return np.append(normal, -(normal * centre).sum())
 
 
-def _is_a_floor(points: F32, plane: F64, layer_m: np.float32, passes: "GroundPasses") -> bool:
+def _is_a_floor(points: F32, plane: F64, layer_m: float) -> bool:
     """Whether a plane stands out from the layers beside it, and its points form more than a line seen from above."""
     rounded = plane.astype(np.float32)
-    held, beside = passes.count_layers(points, rounded[None], layer_m)
+    held, beside = count_layers(points, rounded[None], layer_m)
     if held[0] < max(3, STANDS_OUT * beside[0]):
         return False
-    _, scatter = passes.scatter_within(points, rounded, layer_m)
-    return bool(np.linalg.eigvalsh(scatter[:2, :2])[0] >= float(layer_m) ** 2)
+    _, scatter = scatter_within(points, rounded, layer_m)
+    return bool(np.linalg.eigvalsh(scatter[:2, :2])[0] >= layer_m**2)
 
 
 def _planes_through(points: F32, triples: I64) -> F64:
@@ -156,77 +149,3 @@ def _can_be_ground(planes: F64, lidar_origins: F64, limits: F64) -> Bools:
     if np.isfinite(tolerance_m):  # not divided by the normal's z, which may be 0
         fit &= np.abs(planes[:, 3] + height_m * planes[:, 2]) <= tolerance_m * planes[:, 2]
     return fit
-
-
-class GroundPasses(NamedTuple):
-    """The passes over all points: `PLAIN` explains them, `ground_kernels.COMPILED` has the fast ones."""
-
-    lowest_of_cells: Callable[[F32, np.float32], I64]
-    count_layers: Callable[[F32, F32, np.float32], tuple[I64, I64]]
-    scatter_within: Callable[[F32, F32, np.float32], tuple[F64, F64]]
-    scatter_near: Callable[[F32, F32, np.float32], tuple[int, F64, F64]]
-
-
-def lowest_of_cells(points: F32, cell_m: np.float32) -> I64:
-    """(M,) row of the lowest point of each occupied cell of a square grid over x and y, ordered by cell.
-
-    Args:
-        points: (3, N) metres, finite; of equally low ones the first is taken.
-        cell_m: Edge of the cells.
-    """
-    cells = np.clip(np.floor(points[:2] / cell_m), -MAX_CELL, MAX_CELL).astype(np.int64)
-    cell = cells[0] * (2 * MAX_CELL + 1) + cells[1]
-    order = np.lexsort((points[2], cell))
-    first = np.ones(len(cell), np.bool_)
-    first[1:] = np.diff(cell[order]) != 0
-    return order[first]
-
-
-def count_layers(points: F32, planes: F32, layer_m: np.float32) -> tuple[I64, I64]:
-    """(K,) number of points within a layer of each plane, and in the fuller of the equal layers above and below.
-
-    Args:
-        points: (3, N) metres, finite.
-        planes: (K, 4) unit normal and offset.
-        layer_m: Points at most this far from a plane, on either side, are in its layer.
-    """
-    heights = _heights(points, planes)
-    edges = (-3 * layer_m, -layer_m, layer_m, 3 * layer_m)
-    below, held, above = np.diff([np.count_nonzero(heights <= edge, axis=1) for edge in edges], axis=0)
-    return held, np.maximum(below, above)
-
-
-def scatter_within(points: F32, plane: F32, limit_m: np.float32) -> tuple[F64, F64]:
-    """Centre (3,) and covariance (3, 3) of the points (3, N) at most `limit_m` from a plane (4,); there are some."""
-    near = points[:, np.abs(_heights(points, plane[None])[0]) <= limit_m]
-    centre = near.mean(axis=1, dtype=np.float64)
-    centred = near - centre[:, None]
-    return centre, np.einsum("in,jn->ij", centred, centred) / near.shape[1]  # not BLAS, see _heights
-
-
-def scatter_near(points: F32, plane: F32, layer_m: np.float32) -> tuple[int, F64, F64]:
-    """How many points (3, N) are in the layer of a plane (4,); centre (3,) and covariance (3, 3) of those near it.
-
-    Near means within `layer_m`, and within three times the robust deviation of those points: wheels and kerbs lie on
-    one side and would lift a plane. Without a point in the layer, both are zero.
-    """
-    heights = np.abs(_heights(points, plane[None])[0])
-    within = heights[heights <= layer_m]
-    if not len(within):
-        return 0, np.zeros(3), np.zeros((3, 3))
-    near_m = min(layer_m, np.float32(3 * 1.4826 * float(np.median(within)) + 1e-6))
-    return len(within), *scatter_within(points, plane, near_m)
-
-
-def _heights(points: F32, planes: F32) -> F32:
-    """(K, N) signed distances of points (3, N) from planes (K, 4)."""
-    # Not BLAS, whose rounding may depend on the number of threads.
-    a, b, c, d = planes.T[..., None]
-    heights: F32 = points[0] * a + points[1] * b
-    heights += points[2] * c
-    heights += d
-    return heights
-
-
-PLAIN = GroundPasses(lowest_of_cells, count_layers, scatter_within, scatter_near)
-"""By numpy, where nothing shall be compiled, as in `lidcam inspect`."""

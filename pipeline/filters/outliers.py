@@ -8,7 +8,7 @@ exact duplicates.
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, Bools
-from lidcam.pipeline.filters.neighbor_search import mean_neighbor_distance_m
+from lidcam.pipeline.native.kernels import mean_neighbor_distance_m
 
 NEIGHBORS = 10
 """Nearest neighbours to which a point's distance is averaged, without the point itself."""
@@ -24,7 +24,7 @@ def statistical_inliers(xyz: F32, *, std_ratio: float, neighbors: int = NEIGHBOR
     if len(xyz) <= neighbors:
         return np.ones(len(xyz), np.bool_)
     # PCL's arithmetic: a point's mean distance and its square in float32, sums over the cloud in float64.
-    mean_distance_m = mean_neighbor_distance_m(xyz, neighbors)
+    mean_distance_m = mean_neighbor_distance_m(np.ascontiguousarray(xyz), neighbors)
     count = len(xyz)
     total = float(mean_distance_m.sum(dtype=np.float64))
     total_of_squares = float((mean_distance_m * mean_distance_m).sum(dtype=np.float64))

@@ -1,4 +1,137 @@
-from lidcam.pipeline.core.arrays import F64, Indices
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Indices
+
+# assignment.cpp
 
 def columns_of_rows(costs: F64) -> Indices:
     """(R,) the column of each row of costs (R, C), R <= C."""
+
+# curve.cpp, neighbors.cpp
+
+def curve_order(points: F32) -> I64:
+    """(N,) indices of the points (3, N), finite, N >= 1, along a curve; points at one place by their indices."""
+
+def mean_neighbor_distance_m(xyz: F32, neighbors: int) -> F32:
+    """(N,) mean distance of finite points (N, 3) to 1 to N - 1 nearest neighbours, other than itself, as PCL rounds it.
+
+    Squares of distances, their sums and roots in float32, the sum over the neighbours, nearest first, in float64.
+    """
+
+# motion.cpp
+
+def in_range(xyz: F32, min_m: float, max_m: float) -> Bools:
+    """(N,) whether points (N, 3) are within these distances from the origin, both inclusive, and not at it."""
+
+def moved(xyz: F32, matrix: F32) -> F32:
+    """Points (N, 3) moved by a matrix (3, 4)."""
+
+def moved_each(xyz: F32, since_ns: I64, matrices: F32, step_ns: int) -> F32:
+    """Points (N, 3), each moved by the matrix of its time.
+
+    Args:
+        xyz: (N, 3) metres.
+        since_ns: (N,) times since that of the first matrix, not negative.
+        matrices: (K, 3, 4), one each `step_ns`, the last beyond the last point; between two of them, their numbers are
+            interpolated.
+        step_ns: The interval of the matrices.
+    """
+
+# ground.cpp: `lidcam.pipeline.filters.ground`
+
+def lowest_of_cells(points: F32, cell_m: float) -> I64:
+    """(M,) row of the lowest point of each occupied cell of a square grid over x and y, ordered by cell.
+
+    Args:
+        points: (3, N) metres, finite; of equally low ones the first is taken.
+        cell_m: Edge of the cells.
+    """
+
+def count_layers(points: F32, planes: F32, layer_m: float) -> tuple[I64, I64]:
+    """(K,) number of points within a layer of each plane, and in the fuller of the equal layers above and below.
+
+    Args:
+        points: (3, N) metres, finite.
+        planes: (K, 4) unit normal and offset.
+        layer_m: Points at most this far from a plane, on either side, are in its layer.
+    """
+
+def scatter_within(points: F32, plane: F32, limit_m: float) -> tuple[F64, F64]:
+    """Centre (3,) and covariance (3, 3) of the points (3, N) at most `limit_m` from a plane (4,); zeros of none."""
+
+def scatter_near(points: F32, plane: F32, layer_m: float) -> tuple[int, F64, F64]:
+    """How many points (3, N) are in the layer of a plane (4,); centre (3,) and covariance (3, 3) of those near it.
+
+    Near means within `layer_m`, and within three times the robust deviation of those points: wheels and kerbs lie on
+    one side and would lift a plane. Without a point in the layer, both are zero.
+    """
+
+def parted(
+    xyz: F32, kept: Bools, plane: F32, distance_m: float, origin_xy: F64, cell_m: float, offsets_m: F64
+) -> tuple[I64, I64, I64]:
+    """Rows of the points that are kept and not on a plane, that are kept and on it, and that are not on the ground.
+
+    Args:
+        xyz: (N, 3) metres.
+        kept: (N,) which points count for the first two.
+        plane: (4,) unit normal and offset.
+        distance_m: On the plane or on the ground is what is at most this far from it.
+        origin_xy: See `Relief`, as for the next two, which say how the ground differs from the plane.
+        cell_m: Likewise.
+        offsets_m: Likewise; without nodes, the ground is the plane.
+    """
+
+# relief.cpp: `lidcam.pipeline.filters.relief`
+
+def lowest_heights(
+    points: F32,
+    plane: F32,
+    middle: F32,
+    origin: F32,
+    cell_m: float,
+    side: int,
+    reach_m: float,
+    slope: float,
+    layer_m: float,
+) -> tuple[I64, F64]:
+    """(M,) the cells of a grid that hold points near a plane, and (M,) the mean height of the lowest of them above it.
+
+    Args:
+        points: (3, N) metres, finite.
+        plane: (4,) unit normal and offset.
+        middle: (2,) of the lidars.
+        origin: (2,) corner of the grid, metres; cells are counted from it, along x first.
+        cell_m: Edge of the cells.
+        side: Cells of the grid along each axis, at most 46340.
+        reach_m: Points this far from the plane are near, however near the lidars.
+        slope: Points this share of their distance from the lidars farther away are, too.
+        layer_m: The mean is that of the points up to this much above the lowest of their cell.
+    """
+
+def grown_surface(
+    xy: F64,
+    heights_m: F64,
+    side: int,
+    taps: F64,
+    counts: I64,
+    near_m: F64,
+    standing_m: float,
+    standing_weight: float,
+    max_weight: float,
+    prior_weight: float,
+    fill_weight: float,
+) -> F64:
+    """(side, side) a surface that grows from zero towards heights; where there are none, it goes on as it is nearby.
+
+    Args:
+        xy: (M, 2) where the heights are, in nodes: 0 to side - 1.
+        heights_m: (M,) heights.
+        side: Nodes along each axis.
+        taps: Half a kernel of the smoothing of each round, from its middle on, one after another; then that of the
+            filling, and that of the borders of what is known.
+        counts: (rounds + 2,) their lengths.
+        near_m: (rounds,) a height at most this far from the surface pulls it.
+        standing_m: Heights farther above the surface than this pull with `standing_weight` instead of 1.
+        standing_weight: See above.
+        max_weight: Largest sum of weights of a node.
+        prior_weight: Weight of the last surface against the heights of a node.
+        fill_weight: Weight of zero where nothing is known.
+    """

@@ -13,10 +13,10 @@ from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.rig import LidarSensor, Rig
 from lidcam.pipeline.core.settings.combine import CombineConfig
 from lidcam.pipeline.filters.ground import find_ground
-from lidcam.pipeline.filters.ground_kernels import COMPILED, parted
-from lidcam.pipeline.filters.motion import coordinates, deskew, in_range, moved
+from lidcam.pipeline.filters.motion import coordinates, deskew
 from lidcam.pipeline.filters.outliers import statistical_inliers
 from lidcam.pipeline.filters.relief import find_relief
+from lidcam.pipeline.native.kernels import in_range, moved, parted
 
 
 class Combine:
@@ -94,7 +94,7 @@ class Combine:
         plane = None
         if config.enabled:
             kept_xyz = coordinates(xyz_site, kept).T
-            plane = find_ground(kept_xyz, origins, config=config, ground_height_m=known_m, passes=COMPILED)
+            plane = find_ground(kept_xyz, origins, config=config, ground_height_m=known_m)
         if plane is None:
             return _Ground(None, None, np.flatnonzero(kept), np.arange(0), np.arange(len(xyz_site)))
         relief = find_relief(kept_xyz, origins, plane, config)

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from lidcam.pipeline.filters.curve import CELLS, CROWD, curve_order
+from lidcam.pipeline.native.kernels import curve_order
+
+CELLS, CROWD = 1 << 11, 256  # of curve.cpp
 
 
 def test_a_walk_along_the_curve_goes_from_cell_to_cell() -> None:

@@ -12,7 +12,6 @@ from lidcam.pipeline.core.arrays import F32, F64
 from lidcam.pipeline.core.clouds import Plane
 from lidcam.pipeline.core.settings.combine import GroundConfig
 from lidcam.pipeline.filters.ground import find_ground
-from lidcam.pipeline.filters.ground_kernels import COMPILED
 
 ORIGIN = np.zeros((1, 3))
 FINITE_SCENES = ("odd_cloud2_small", "odd_dups", "odd_tiny", "s10k_0", "s10k_1", "s30k_0")
@@ -42,8 +41,7 @@ def height_m(plane: Plane | None) -> float:
 def ground_of(points: F64, **options: Any) -> Plane | None:
     height = options.pop("ground_height_m", None)
     origins = options.pop("origins", ORIGIN)
-    config = GroundConfig(**options)
-    return find_ground(points.astype(np.float32), origins, config=config, ground_height_m=height, passes=COMPILED)
+    return find_ground(points.astype(np.float32), origins, config=GroundConfig(**options), ground_height_m=height)
 
 
 def kitti(path: str) -> F32:

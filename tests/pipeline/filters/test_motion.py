@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from lidcam.pipeline.core.arrays import F32, F64
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.geometry.transform import Transform
-from lidcam.pipeline.filters.motion import coordinates, deskew, in_range, moved
+from lidcam.pipeline.filters.motion import coordinates, deskew
+from lidcam.pipeline.native.kernels import in_range, moved
 
 MS = 1_000_000
 STAMP_NS = 1_317_617_735_000_000_000
