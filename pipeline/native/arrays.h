@@ -22,13 +22,13 @@ template <class T> using In1 = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, n
 template <class T> using In2 = nb::ndarray<const T, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 template <class T> using In3 = nb::ndarray<const T, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
 
-// An array in C order that numpy takes over; zero at first.
+// An array in C order that numpy takes over; zero at first, or unset.
 template <class T> class Out {
   public:
-    explicit Out(std::initializer_list<size_t> shape) : dimensions_(shape.size()) {
+    explicit Out(std::initializer_list<size_t> shape, bool is_zero = true) : dimensions_(shape.size()) {
         size_t count = 1;
         for (size_t i = 0; i < dimensions_; i++) count *= shape_[i] = shape.begin()[i];
-        data_ = std::make_unique<T[]>(count);
+        data_.reset(is_zero ? new T[count]() : new T[count]);
     }
     T *data() { return data_.get(); }
     T &operator[](size_t i) { return data_[i]; }

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <memory>
 #include <vector>
 
 namespace {
@@ -54,67 +53,74 @@ template <size_t N> int64_t steps_below(double height_m, const double (&steps_m)
     return step;
 }
 
-// Rows (`place`) of the points between two heights, and how high these are; returns their number.
-LIDCAM_HOT int64_t between_heights(const float *xyz, const int64_t *rows, int64_t count, const double *plane,
-                                   const double *relief_m, int64_t lines, int64_t columns, const double *grid,
-                                   double above_m, double below_m, int64_t *place, double *height_m) {
-    int64_t kept = 0;
-    for (int64_t i = 0; i < count; i++) {
-        const float *point = xyz + 3 * rows[i];
-        const double x = point[0], y = point[1], z = point[2];
-        const double relief = between(relief_m, lines, columns, (x - grid[0]) / grid[2], (y - grid[1]) / grid[2]);
-        const double above = z - (-(x * plane[0] + y * plane[1] + plane[3]) / plane[2] + relief);
-        place[kept] = i;
-        height_m[kept] = above;
-        kept += above_m < above && above < below_m;
-    }
-    return kept;
-}
-
-struct AboveGround {
-    Out<int64_t> place;
-    Out<double> position;
-    Out<int64_t> lidar;
-    Out<double> link_distance_m, time_ns;
+// The ground: normal and offset of its plane; and its relief at the nodes of a grid, of which x and y of the first node
+// and the distance of nodes are given.
+struct Ground {
+    const double *plane, *relief_m, *grid;
+    int64_t lines, columns;
 };
+
+constexpr int64_t CHUNK = 512;
+
+// Heights above the ground of up to CHUNK points.
+LIDCAM_HOT void measure_heights(const float *xyz, const int64_t *rows, int64_t count, const Ground &ground,
+                                double *height_m) {
+    const double *plane = ground.plane, *grid = ground.grid;
+    double x[CHUNK], y[CHUNK], column[CHUNK], line[CHUNK], level_m[CHUNK];
+    for (int64_t i = 0; i < count; i++) {
+        x[i] = xyz[3 * rows[i]];
+        y[i] = xyz[3 * rows[i] + 1];
+    }
+    for (int64_t i = 0; i < count; i++) {
+        column[i] = (x[i] - grid[0]) / grid[2];
+        line[i] = (y[i] - grid[1]) / grid[2];
+        level_m[i] = -(x[i] * plane[0] + y[i] * plane[1] + plane[3]) / plane[2];
+    }
+    for (int64_t i = 0; i < count; i++) {
+        const double relief = between(ground.relief_m, ground.lines, ground.columns, column[i], line[i]);
+        height_m[i] = xyz[3 * rows[i] + 2] - (level_m[i] + relief);
+    }
+}
 
 nb::tuple points_above_ground(In2<float> xyz, In1<uint8_t> lidar_index, In1<int32_t> time_ns, In1<int64_t> rows,
                               In1<double> plane, In2<double> relief_m, In1<double> grid, In2<double> lidar_xyz,
                               double distance_m, double distance_per_m, double above_m, double below_m) {
-    AboveGround made = [&] {
+    const size_t count = rows.shape(0);
+    Out<int64_t> place({count}, false), lidar({count}, false);
+    Out<double> position({count, 3}, false), link_distance_m({count}, false), when_ns({count}, false);
+    size_t kept = 0;
+    {
         nb::gil_scoped_release unlocked;
-        const int64_t count = rows.shape(0);
-        const std::unique_ptr<int64_t[]> place(new int64_t[count]);
-        const std::unique_ptr<double[]> height_m(new double[count]);
-        const size_t kept = between_heights(xyz.data(), rows.data(), count, plane.data(), relief_m.data(),
-                                            relief_m.shape(0), relief_m.shape(1), grid.data(), above_m, below_m,
-                                            place.get(), height_m.get());
-        AboveGround found = {Out<int64_t>({kept}), Out<double>({kept, 3}), Out<int64_t>({kept}), Out<double>({kept}),
-                             Out<double>({kept})};
-        for (size_t k = 0; k < kept; k++) {
-            const int64_t row = rows.data()[place[k]], own = lidar_index.data()[row];
+        const Ground ground = {plane.data(), relief_m.data(), grid.data(), int64_t(relief_m.shape(0)),
+                               int64_t(relief_m.shape(1))};
+        double height_m[CHUNK], *at = position.data(), *link_m = link_distance_m.data(), *when = when_ns.data();
+        int64_t *kept_rows = place.data(), *kept_lidar = lidar.data();
+        for (size_t i = 0; i < count; i++) {
+            if (i % CHUNK == 0)
+                measure_heights(xyz.data(), rows.data() + i, std::min(CHUNK, int64_t(count - i)), ground, height_m);
+            const double height = height_m[i % CHUNK];
+            if (!(above_m < height && height < below_m)) continue;
+            const int64_t row = rows.data()[i], own = lidar_index.data()[row];
             const float *point = xyz.data() + 3 * row;
-            const double *lidar = lidar_xyz.data() + 3 * own;
-            const double dx = point[0] - lidar[0], dy = point[1] - lidar[1], dz = point[2] - lidar[2];
-            found.place[k] = place[k];
-            found.position(k, 0) = point[0];
-            found.position(k, 1) = point[1];
-            found.position(k, 2) = height_m[k];
-            found.lidar[k] = own;
-            found.link_distance_m[k] = distance_m + distance_per_m * std::sqrt(dx * dx + dy * dy + dz * dz);
-            found.time_ns[k] = time_ns.data()[row];
+            const double *origin = lidar_xyz.data() + 3 * own;
+            const double dx = point[0] - origin[0], dy = point[1] - origin[1], dz = point[2] - origin[2];
+            kept_rows[kept] = int64_t(i);
+            at[3 * kept] = point[0];
+            at[3 * kept + 1] = point[1];
+            at[3 * kept + 2] = height;
+            kept_lidar[kept] = own;
+            link_m[kept] = distance_m + distance_per_m * std::sqrt(dx * dx + dy * dy + dz * dz);
+            when[kept++] = time_ns.data()[row];
         }
-        return found;
-    }();
-    return nb::make_tuple(made.place.numpy(), made.position.numpy(), made.lidar.numpy(),
-                          made.link_distance_m.numpy(), made.time_ns.numpy());
+    }
+    return nb::make_tuple(place.numpy(kept), position.numpy(kept), lidar.numpy(kept), link_distance_m.numpy(kept),
+                          when_ns.numpy(kept));
 }
 
-// Sizes that clusters are compared with, see `Kinds`.
-struct Kinds {
-    int64_t count;
-    const int64_t *class_ids;
-    const double *mean_m, *limit_m, *rarity;
+// Sizes that clusters are compared with, see `Kinds`; and the standard deviations of longer and shorter ones.
+struct Kind {
+    int64_t class_id;
+    double mean[3], limit[3], longer_m[3], shorter_m[3], rarity;
 };
 
 // A kind chosen for a cluster: its row; whether the cluster fits; and the squared deviation from it.
@@ -125,25 +131,27 @@ struct Choice {
 };
 
 // The kind whose size is nearest to the measured extents; of the given class, or if that is -1 of those large enough.
-Choice choose(const Kinds &kinds, const double *measured, const double *visible, int64_t given_id) {
+Choice choose(const std::vector<Kind> &kinds, const double *measured, const double *visible, int64_t given_id) {
     Choice choice;
     double least = INFINITE;
-    for (int64_t k = 0; k < kinds.count; k++) {
+    for (size_t k = 0; k < kinds.size(); k++) {
+        const Kind &kind = kinds[k];
         double off = 0.0;
         bool fits = true;
         for (int axis = 0; axis < 3; axis++) {
-            const double mean = kinds.mean_m[3 * k + axis], limit = kinds.limit_m[3 * k + axis];
-            const double longer = std::max(measured[axis] - mean, 0.0) / std::max((limit - mean) / 2, 1e-9);
-            double shorter = visible[axis] * std::max(mean - measured[axis], 0.0) / (SHORT_SHARE * mean);
-            shorter = std::min(shorter, MAX_SHORT_SIGMAS);
-            off += (longer * longer + shorter * shorter) / 2;
-            fits = fits && measured[axis] <= limit;
+            const double gap_m = measured[axis] - kind.mean[axis];
+            const bool is_longer = gap_m > 0.0;
+            const double off_m = is_longer ? gap_m : -gap_m * visible[axis];
+            const double most = is_longer ? INFINITE : MAX_SHORT_SIGMAS;
+            const double sigmas = std::min(off_m / (is_longer ? kind.longer_m[axis] : kind.shorter_m[axis]), most);
+            off += sigmas * sigmas / 2;
+            fits &= measured[axis] <= kind.limit[axis];
         }
-        double cost = fits ? off + kinds.rarity[k] : INFINITE;
-        if (given_id >= 0) cost = kinds.class_ids[k] == given_id ? off : INFINITE;
+        double cost = fits ? off + kind.rarity : INFINITE;
+        if (given_id >= 0) cost = kind.class_id == given_id ? off : INFINITE;
         if (k == 0 || cost < least) {
             least = cost;
-            choice = {k, cost < INFINITE, off};
+            choice = {int64_t(k), cost < INFINITE, off};
         }
     }
     return choice;
@@ -160,8 +168,18 @@ nb::tuple completed_boxes(In2<double> low, In2<double> high, In1<double> angle_r
     Out<bool> rides({clusters});
     {
         nb::gil_scoped_release unlocked;
-        const Kinds kinds = {int64_t(class_ids.shape(0)), class_ids.data(), mean_m.data(), limit_m.data(),
-                             rarity.data()};
+        std::vector<Kind> kinds(class_ids.shape(0));
+        for (size_t k = 0; k < kinds.size(); k++) {
+            kinds[k].class_id = class_ids.data()[k];
+            kinds[k].rarity = rarity.data()[k];
+            for (int axis = 0; axis < 3; axis++) {
+                const double mean = mean_m.data()[3 * k + axis], limit = limit_m.data()[3 * k + axis];
+                kinds[k].mean[axis] = mean;
+                kinds[k].limit[axis] = limit;
+                kinds[k].longer_m[axis] = std::max((limit - mean) / 2, 1e-9);
+                kinds[k].shorter_m[axis] = SHORT_SHARE * mean;
+            }
+        }
         std::vector<double> towards(2 * lidars);
         for (size_t c = 0; c < clusters; c++) {
             const double cos = cos_.data()[c], sin = sin_.data()[c], top = top_m.data()[c];
@@ -186,10 +204,10 @@ nb::tuple completed_boxes(In2<double> low, In2<double> high, In1<double> angle_r
 
             const double measured[3] = {extent[0], extent[1], top}, visible[3] = {seen[0], seen[1], 1.0};
             const Choice choice = choose(kinds, measured, visible, given_ids.data()[c]);
-            found[c] = choice.fits ? kinds.class_ids[choice.row] : -1;
+            found[c] = choice.fits ? kinds[choice.row].class_id : -1;
             misfit[c] = choice.misfit;
 
-            const double *mean = kinds.mean_m + 3 * choice.row, *limit = kinds.limit_m + 3 * choice.row;
+            const double *mean = kinds[choice.row].mean, *limit = kinds[choice.row].limit;
             const double narrow = std::min(mean[0], mean[1]), wide = std::max(mean[0], mean[1]);
             const bool is_slender = narrow <= max_slender_share * mean[2], is_round = narrow > MAX_RIDER_SHARE * wide;
             const double of_slender = is_round ? PEDESTRIAN_ANCHOR : 0.0, anchored = is_slender ? of_slender : 1.0;
@@ -238,7 +256,7 @@ struct Local {
 
 // The 26 numbers of the points in a box with half the size given; see `FEATURES` from `low` on.
 void describe(const std::vector<Local> &points, double half_x, double half_y, double *found) {
-    const double n = double(points.size());
+    const double n = double(points.size()), each = 1.0 / n;
     double mean_x = 0.0, mean_y = 0.0, mean_z = 0.0, low = INFINITE, top = 0.0;
     for (const Local &point : points) {
         mean_x += point.x / n;
@@ -246,7 +264,7 @@ void describe(const std::vector<Local> &points, double half_x, double half_y, do
         mean_z += point.z / n;
         low = std::min(low, point.z);
         top = std::max(top, point.z);
-        found[4 + steps_below(point.z, LAYERS_M)] += 1 / n;
+        found[4 + steps_below(point.z, LAYERS_M)] += each;
     }
     double xx = 0.0, xy = 0.0, yy = 0.0, zz = 0.0, side = 0.0, side_square = 0.0, inside = 0.0;
     for (const Local &point : points) {
@@ -258,7 +276,7 @@ void describe(const std::vector<Local> &points, double half_x, double half_y, do
         const double depth = std::abs(std::min(half_x - std::abs(point.x), half_y - std::abs(point.y)));
         side += depth / n;
         side_square += depth * depth / n;
-        inside += double(depth > 0.3) / n;
+        inside += depth > 0.3 ? each : 0.0;
     }
     // The principal axes seen from above.
     const double half = (xx + yy) / 2, apart = (xx - yy) / 2, gap = std::sqrt(apart * apart + xy * xy);
@@ -273,7 +291,7 @@ void describe(const std::vector<Local> &points, double half_x, double half_y, do
     for (const Local &point : points) {
         const double x = point.x - mean_x, y = point.y - mean_y;
         const double places[2] = {x * axis_x + y * axis_y, y * axis_x - x * axis_y};
-        on_axis += double(std::abs(places[1]) < 0.1) / n;
+        on_axis += std::abs(places[1]) < 0.1 ? each : 0.0;
         scatter += places[1] * (point.z - mean_z) / n;
         for (const int64_t row : {steps_below(point.z, PROFILES_M), int64_t(3)}) {  // 3: all heights
             for (int axis = 0; axis < 2; axis++) {

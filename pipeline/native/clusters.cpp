@@ -37,95 +37,124 @@ static inline __attribute__((always_inline)) int64_t level_of(double value, cons
     return level;
 }
 
+static inline __attribute__((always_inline)) double exact(double value) {
+    return std::nearbyint(value * RESOLUTION_PER_M) / RESOLUTION_PER_M;
+}
+
+// The number of the cell of each point along x, y, z (3, N), whole; and the least and the largest of these.
+LIDCAM_HOT void place_in_cells(const double *points, const double *edge_m, int64_t count, double *cell, double *lowest,
+                               double *highest) {
+    constexpr int64_t CHUNK = 512;  // of points that are read once for all axes
+    for (int64_t start = 0; start < count; start += CHUNK) {
+        const int64_t size = std::min(CHUNK, count - start);
+        for (int axis = 0; axis < 3; axis++) {
+            const double *point = points + 3 * start + axis, *edge = edge_m + start;
+            double *along = cell + axis * count + start, low, high;
+            for (int64_t i = 0; i < size; i++) along[i] = exact(point[3 * i]);
+            for (int64_t i = 0; i < size; i++) {
+                const double place = std::floor(along[i] / edge[i]), furthest = place > 0 ? MAX_CELL : -MAX_CELL;
+                along[i] = std::abs(place) < MAX_CELL ? place : furthest;
+            }
+            range_of(along, size, low, high);
+            lowest[axis] = std::min(lowest[axis], low);
+            highest[axis] = std::max(highest[axis], high);
+        }
+    }
+}
+
 // Points that follow each other in the cloud and lie in one cell, as half of all do.
 struct Run {
     uint64_t key;
-    int64_t row;
+    int64_t row;  // of the first one
 };
+
+// Runs in rising order of their keys: by digits of eleven bits.
+void sort_runs(std::vector<Run> &runs) {
+    constexpr int BITS = 11, MASK = (1 << BITS) - 1;
+    uint64_t differing = 0;
+    for (const Run &run : runs) differing |= run.key ^ runs[0].key;
+    std::vector<Run> sorted(runs.size());
+    for (int shift = 0; shift < 64; shift += BITS) {
+        if ((differing >> shift & MASK) == 0) continue;
+        std::array<size_t, MASK + 2> stops = {};
+        for (const Run &run : runs) stops[(run.key >> shift & MASK) + 1]++;
+        for (int digit = 0; digit < MASK; digit++) stops[digit + 1] += stops[digit];
+        for (const Run &run : runs) sorted[stops[run.key >> shift & MASK]++] = run;
+        runs.swap(sorted);
+    }
+}
 
 // What is known of the points of a cell.
 struct Cell {
     double sum[3] = {0.0, 0.0, 0.0}, distance_m = INFINITE;
-    int64_t count = 0, first = -1;
+    int64_t count = 0;
 };
+
+// Adds points to their cells.
+LIDCAM_HOT void add_up(const double *points, const double *distance_m, int64_t count, const int64_t *cell_of_point,
+                       Cell *cells) {
+    for (int64_t i = 0; i < count; i++) {
+        Cell &own = cells[cell_of_point[i]];
+        own.count++;
+        own.distance_m = std::min(own.distance_m, distance_m[i]);
+        for (int axis = 0; axis < 3; axis++) own.sum[axis] += exact(points[3 * i + axis]);
+    }
+}
 
 struct Cells {
     Out<double> means, distance_m;
     Out<int64_t> counts, first, cell_of_point;
 };
 
-// Rounded coordinates (3, N); and the keys of cells, which have risen by level and group, rising by place along x, y, z.
-LIDCAM_HOT void place_in_cells(const double *points, const double *edge_m, int64_t count, double *exact, double *cell,
-                               uint64_t *keys) {
-    for (int axis = 0; axis < 3; axis++) {
-        double *along = exact + axis * count;
-        for (int64_t i = 0; i < count; i++)
-            along[i] = std::nearbyint(points[3 * i + axis] * RESOLUTION_PER_M) / RESOLUTION_PER_M;
-        for (int64_t i = 0; i < count; i++) {
-            const double place = std::floor(along[i] / edge_m[i]), furthest = place > 0 ? MAX_CELL : -MAX_CELL;
-            cell[i] = std::abs(place) < MAX_CELL ? place : furthest;
-        }
-        double lowest, highest;
-        range_of(cell, count, lowest, highest);
-        const uint64_t low = uint64_t(int64_t(lowest)), span = uint64_t(int64_t(highest)) - low + 1;
-        for (int64_t i = 0; i < count; i++) keys[i] = keys[i] * span + (uint64_t(int64_t(cell[i])) - low);
-    }
-}
-
-// Runs in rising order of their keys: by digits of eight bits.
-void sort_runs(std::vector<Run> &runs) {
-    uint64_t differing = 0;
-    for (const Run &run : runs) differing |= run.key ^ runs[0].key;
-    std::vector<Run> sorted(runs.size());
-    for (int shift = 0; shift < 64; shift += 8) {
-        if ((differing >> shift & 255) == 0) continue;
-        std::array<size_t, 257> stops = {};
-        for (const Run &run : runs) stops[(run.key >> shift & 255) + 1]++;
-        for (int digit = 0; digit < 256; digit++) stops[digit + 1] += stops[digit];
-        for (const Run &run : runs) sorted[stops[run.key >> shift & 255]++] = run;
-        runs.swap(sorted);
-    }
-}
-
 Cells grouped(const double *points, const double *distance_m, int64_t count, double share, const double *edges_m,
               int64_t levels, const int64_t *group, int64_t groups) {
-    std::vector<uint64_t> keys(count);
-    std::vector<double> exact(3 * count), cell(count), edge_m(count);
+    const std::unique_ptr<uint64_t[]> keys(new uint64_t[count]);
+    const std::unique_ptr<double[]> edge_m(new double[count]), cell(new double[3 * count]);
     for (int64_t i = 0; i < count; i++) {
         const int64_t level = level_of(share * distance_m[i], edges_m, levels);
         keys[i] = uint64_t(level * groups + group[i]);
         edge_m[i] = edges_m[level];
     }
-    place_in_cells(points, edge_m.data(), count, exact.data(), cell.data(), keys.data());
-    std::vector<Run> runs;
-    runs.reserve(count);
-    for (int64_t i = 0; i < count; i++)
-        if (i == 0 || keys[i] != keys[i - 1]) runs.push_back({keys[i], int64_t(runs.size())});
-    std::vector<int64_t> cell_of_run(runs.size());
-    sort_runs(runs);
-    size_t found = 0;
-    for (size_t k = 0; k < runs.size(); k++) {
-        found += k == 0 || runs[k].key != runs[k - 1].key;
-        cell_of_run[runs[k].row] = int64_t(found) - 1;
+    double lowest[3] = {INFINITE, INFINITE, INFINITE}, highest[3] = {-INFINITE, -INFINITE, -INFINITE};
+    place_in_cells(points, edge_m.get(), count, cell.get(), lowest, highest);
+    for (int axis = 0; axis < 3; axis++) {  // keys rise by level, group, and place along x, y, z
+        const double *along = cell.get() + axis * count;
+        const uint64_t low = uint64_t(int64_t(lowest[axis])), span = uint64_t(int64_t(highest[axis])) - low + 1;
+        for (int64_t i = 0; i < count; i++) keys[i] = keys[i] * span + (uint64_t(int64_t(along[i])) - low);
     }
 
-    Cells made = {Out<double>({found, 3}), Out<double>({found}), Out<int64_t>({found}), Out<int64_t>({found}),
-                  Out<int64_t>({size_t(count)})};
-    std::vector<Cell> cells(found);
-    int64_t run = -1;
-    for (int64_t i = 0; i < count; i++) {
-        run += i == 0 || keys[i] != keys[i - 1];
-        made.cell_of_point[i] = cell_of_run[run];
-        Cell &own = cells[cell_of_run[run]];
-        if (own.count++ == 0) own.first = i;
-        own.distance_m = std::min(own.distance_m, distance_m[i]);
-        for (int axis = 0; axis < 3; axis++) own.sum[axis] += exact[axis * count + i];
+    std::vector<Run> runs(count);
+    size_t found = 1;
+    runs[0] = {keys[0], 0};
+    for (int64_t i = 1, row = 0; i < count; i++) {  // without a branch, since every other one would be foretold wrongly
+        const bool is_new = keys[i] != keys[i - 1];
+        row = is_new ? i : row;
+        found += is_new;
+        runs[found - 1] = {keys[i], row};
     }
+    runs.resize(found);
+    sort_runs(runs);
+    size_t used = 0;
+    for (size_t k = 0; k < found; k++) used += k == 0 || runs[k].key != runs[k - 1].key;
+
+    Cells made = {Out<double>({used, 3}, false), Out<double>({used}, false), Out<int64_t>({used}, false),
+                  Out<int64_t>({used}, false), Out<int64_t>({size_t(count)}, false)};
+    int64_t own = -1;
     for (size_t k = 0; k < found; k++) {
+        if (k == 0 || runs[k].key != runs[k - 1].key) made.first[++own] = runs[k].row;
+        made.cell_of_point[runs[k].row] = own;
+    }
+    own = made.cell_of_point[0];
+    for (int64_t i = 1; i < count; i++) {
+        own = keys[i] == keys[i - 1] ? own : made.cell_of_point[i];
+        made.cell_of_point[i] = own;
+    }
+    std::vector<Cell> cells(used);
+    add_up(points, distance_m, count, made.cell_of_point.data(), cells.data());
+    for (size_t k = 0; k < used; k++) {
         for (int axis = 0; axis < 3; axis++) made.means(k, axis) = cells[k].sum[axis] / double(cells[k].count);
         made.distance_m[k] = cells[k].distance_m;
         made.counts[k] = cells[k].count;
-        made.first[k] = cells[k].first;
     }
     return made;
 }

@@ -5,10 +5,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <vector>
 
 namespace {
+
+constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 // Distance from a side, as a share of the cluster's diagonal, that hardly lowers closeness: sides are rounded.
 constexpr double SOFT_SHARE = 0.08;
@@ -97,11 +100,11 @@ LIDCAM_HOT int64_t closest_direction(Shape &shape, double soft_m, const double *
     double total = 0.0;
     for (int64_t i = 0; i < count; i++) total += weight[i];
     int64_t best = 0, skipped = 0;
-    double closest = -std::numeric_limits<double>::infinity();
+    double closest = -INFINITE;
     for (int64_t k = 0; k < coarse + fine; k++) {
         if (k == coarse) {
             skipped = best * fine;
-            closest = -std::numeric_limits<double>::infinity();
+            closest = -INFINITE;
         }
         const double x = cos[skipped + k], y = sin[skipped + k];
         for (int64_t i = 0; i < count; i++) {
@@ -169,21 +172,34 @@ nb::object closest_directions(In2<double> xy, In1<int64_t> ends, In2<double> low
     return found.numpy();
 }
 
-// A quantile, rounded outwards to the next value; of fewer than a hundred values it is an end as a rule.
+// The last of the wanted first ones in sorted order. Only what comes before the last one known is kept, and sorted out
+// when there is much of it: values may come in any order.
+template <class Before>
+double last_of_first(const double *values, int64_t count, size_t wanted, std::vector<double> &kept, Before before) {
+    const size_t most = 4 * wanted + 64;
+    double last = before(0.0, 1.0) ? INFINITE : -INFINITE;
+    kept.clear();
+    for (int64_t i = 0; i < count; i++) {
+        if (!before(values[i], last)) continue;
+        kept.push_back(values[i]);
+        if (kept.size() < most) continue;
+        std::nth_element(kept.begin(), kept.begin() + wanted - 1, kept.end(), before);
+        last = kept[wanted - 1];
+        kept.resize(wanted);
+    }
+    std::nth_element(kept.begin(), kept.begin() + wanted - 1, kept.end(), before);
+    return kept[wanted - 1];
+}
+
+// A quantile, rounded outwards to the next value.
 double quantile_of(const double *values, int64_t count, double share, std::vector<double> &room) {
     const double place = share * double(count - 1);
     const int64_t rank = int64_t(share < 0.5 ? std::floor(place) : std::ceil(place));
-    double found = values[0];
-    if (rank == 0) {
-        for (int64_t i = 1; i < count; i++) found = std::min(found, values[i]);
-    } else if (rank == count - 1) {
-        for (int64_t i = 1; i < count; i++) found = std::max(found, values[i]);
-    } else {
-        room.assign(values, values + count);
-        std::nth_element(room.begin(), room.begin() + rank, room.end());
-        found = room[rank];
-    }
-    return found + 0.0;  // positive, whichever of the two zeros came first
+    double low, high;
+    if (rank == 0 || rank == count - 1) range_of(values, count, low, high);
+    else if (rank <= (count - 1) / 2) low = last_of_first(values, count, rank + 1, room, std::less<>());
+    else high = last_of_first(values, count, count - rank, room, std::greater<>());
+    return (rank <= (count - 1) / 2 ? low : high) + 0.0;  // positive, whichever of the two zeros came first
 }
 
 nb::object quantiles(In1<double> values, In1<int64_t> ends, double share) {
