@@ -329,7 +329,8 @@ nb::tuple box_shapes(In2<double> position, In1<int64_t> starts, In2<double> plac
         nb::gil_scoped_release unlocked;
         std::vector<Local> inside;
         for (size_t b = 0; b < boxes; b++) {
-            const double *box = placed.data() + 5 * b, *ahead = heading.data() + 2 * b, *to_lidar = sight.data() + 2 * b;
+            const double *box = placed.data() + 5 * b, *ahead = heading.data() + 2 * b;
+            const double *to_lidar = sight.data() + 2 * b;
             const double half_x = box[2] / 2, half_y = box[3] / 2, high = box[4] + MARGIN_M;
             inside.clear();
             for (int64_t i = starts.data()[b]; i < starts.data()[b + 1]; i++) {

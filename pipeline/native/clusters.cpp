@@ -184,7 +184,9 @@ struct Grid {
     double per_m = 0.0, longest_m = 0.0;
     double low[2] = {INFINITE, INFINITE}, high[2] = {-INFINITE, -INFINITE};
 
-    int64_t bucket(int64_t column, int64_t line) const { return first + ((column * lines + line) & mask); }
+    int64_t bucket(int64_t column, int64_t line) const {  // unsigned: of a huge grid the product wraps
+        return first + int64_t((uint64_t(column) * uint64_t(lines) + uint64_t(line)) & uint64_t(mask));
+    }
 };
 
 // Points of a bucket stand together.

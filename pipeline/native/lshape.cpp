@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <vector>
 
@@ -172,34 +171,19 @@ nb::object closest_directions(In2<double> xy, In1<int64_t> ends, In2<double> low
     return found.numpy();
 }
 
-// The last of the wanted first ones in sorted order. Only what comes before the last one known is kept, and sorted out
-// when there is much of it: values may come in any order.
-template <class Before>
-double last_of_first(const double *values, int64_t count, size_t wanted, std::vector<double> &kept, Before before) {
-    const size_t most = 4 * wanted + 64;
-    double last = before(0.0, 1.0) ? INFINITE : -INFINITE;
-    kept.clear();
-    for (int64_t i = 0; i < count; i++) {
-        if (!before(values[i], last)) continue;
-        kept.push_back(values[i]);
-        if (kept.size() < most) continue;
-        std::nth_element(kept.begin(), kept.begin() + wanted - 1, kept.end(), before);
-        last = kept[wanted - 1];
-        kept.resize(wanted);
-    }
-    std::nth_element(kept.begin(), kept.begin() + wanted - 1, kept.end(), before);
-    return kept[wanted - 1];
-}
-
-// A quantile, rounded outwards to the next value.
+// A quantile, rounded outwards to the next value; of fewer than a hundred values it is an end as a rule.
 double quantile_of(const double *values, int64_t count, double share, std::vector<double> &room) {
     const double place = share * double(count - 1);
     const int64_t rank = int64_t(share < 0.5 ? std::floor(place) : std::ceil(place));
     double low, high;
-    if (rank == 0 || rank == count - 1) range_of(values, count, low, high);
-    else if (rank <= (count - 1) / 2) low = last_of_first(values, count, rank + 1, room, std::less<>());
-    else high = last_of_first(values, count, count - rank, room, std::greater<>());
-    return (rank <= (count - 1) / 2 ? low : high) + 0.0;  // positive, whichever of the two zeros came first
+    if (rank == 0 || rank == count - 1) {
+        range_of(values, count, low, high);
+    } else {
+        room.assign(values, values + count);
+        std::nth_element(room.begin(), room.begin() + rank, room.end());
+        low = room[rank];
+    }
+    return (rank > 0 && rank == count - 1 ? high : low) + 0.0;  // positive, whichever of the two zeros came first
 }
 
 nb::object quantiles(In1<double> values, In1<int64_t> ends, double share) {
@@ -237,10 +221,12 @@ nb::tuple rectangles(In2<double> xy, In1<int64_t> ends, In1<double> cos, In1<dou
             }
             double square = 0.0;
             for (int64_t i = 0; i < count; i++) {
-                double gap[2];
-                for (int axis = 0; axis < 2; axis++)
-                    gap[axis] = std::min(std::abs(along[axis][i] - low(c, axis)), std::abs(along[axis][i] - high(c, axis)));
-                square += std::min(gap[0], gap[1]) * std::min(gap[0], gap[1]);
+                double gap = INFINITE;
+                for (int axis = 0; axis < 2; axis++) {
+                    gap = std::min(gap, std::abs(along[axis][i] - low(c, axis)));
+                    gap = std::min(gap, std::abs(along[axis][i] - high(c, axis)));
+                }
+                square += gap * gap;
             }
             residual_m[c] = std::sqrt(square / double(count));
         }
