@@ -1,4 +1,4 @@
-from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Indices
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, U8, Bools, Indices
 
 # assignment.cpp
 
@@ -134,4 +134,135 @@ def grown_surface(
         max_weight: Largest sum of weights of a node.
         prior_weight: Weight of the last surface against the heights of a node.
         fill_weight: Weight of zero where nothing is known.
+    """
+
+# clusters
+
+def cells_of_points(
+    points: F64, distance_m: F64, share: float, edges_m: F64, group: I64, groups: int
+) -> tuple[F64, F64, I64, I64, I64]:
+    """The fields of `Cells` for at least one point (N, 3), metres; see `thin_points`.
+
+    The edge of a cell is the longest of `edges_m`, a rising series, that is no longer than the share of the distance.
+    `group` is from 0 to `groups` - 1.
+    """
+
+def linked_parts(points: F64, distance_m: F64, series: F64) -> tuple[int, I64]:
+    """Connected parts of the graph of points at most the smaller of their distances apart.
+
+    Each part grows from its first point, and what is reached is taken out of its bucket: it is not met again. The
+    points of each level of distances lie in a square grid of their own, with buckets of that size, so that far points
+    with their wide search do not look at many near ones.
+
+    Args:
+        points: (N, 3) metres.
+        distance_m: (N,) positive.
+        series: Levels of these: a rising series from the least one.
+
+    Returns:
+        The number of parts, and (N,) the part of each point, numbered in order of their first point.
+    """
+
+def cluster_extents(position: F64, weights: I64, cluster: I64, clusters: int) -> tuple[I64, I64, I64, F64, F64]:
+    """The points (N, 3) and extents of C clusters, each of at least one point.
+
+    Returns:
+        (N,) rows of the points, cluster after cluster; (C + 1,) the first of each cluster, and N; (C,) sum of their
+        weights; (C, 5) lowest and highest place of the points along x, y, the two diagonals between these, and z.
+    """
+
+# lshape: points (N, 2 or more) are sorted by cluster, and `ends` (C,) are the rows behind the last ones of clusters
+
+def closest_directions(xy: F64, ends: I64, low: F64, diagonal_m: F64, cos: F64, sin: F64, coarse: int) -> I64:
+    """(C,) the direction in which the points of each cluster are closest to the sides of their bounding rectangle.
+
+    The best one of the coarse directions, then of the fine ones about that, which follow all coarse ones in `cos` and
+    `sin`; of those alike the first. Clusters are thinned before, from their lowest x and y `low` (C, 2) on, in cells
+    that are a share of their diagonals.
+    """
+
+def quantiles(values: F64, ends: I64, share: float) -> F64:
+    """(C,) see `quantiles_by_cluster`."""
+
+def rectangles(xy: F64, ends: I64, cos: F64, sin: F64, outside_share: float) -> tuple[F64, F64, F64]:
+    """Lower and upper ends of the rectangle around each cluster along its axes, (C, 2); and its residual (C,)."""
+
+# boxes
+
+def points_above_ground(
+    xyz: F32,
+    lidar_index: U8,
+    time_ns: I32,
+    rows: I64,
+    plane: F64,
+    relief_m: F64,
+    grid: F64,
+    lidar_xyz: F64,
+    distance_m: float,
+    distance_per_m: float,
+    above_m: float,
+    below_m: float,
+) -> tuple[I64, F64, I64, F64, F64]:
+    """The fields of `AboveGround` of the points (N, 3) in `rows` between two heights above the ground, both excluded.
+
+    The ground is `plane` (4,), normal and offset, and above it `relief_m` (H, W) at the nodes of a grid, rows along y;
+    `grid` (3,) is x and y of the first node, and the distance of nodes, metres. The link distance is `distance_m`, and
+    `distance_per_m` more for each metre from the lidar (L, 3).
+    """
+
+def completed_boxes(
+    low: F64,
+    high: F64,
+    angle_rad: F64,
+    cos: F64,
+    sin: F64,
+    top_m: F64,
+    lidar_share: F64,
+    lidar_xy: F64,
+    class_ids: I64,
+    mean_m: F64,
+    limit_m: F64,
+    rarity: F64,
+    given_ids: I64,
+    max_slender_share: float,
+) -> tuple[I64, F64, F64, F64, F64, F64, F64, Bools]:
+    """The fields of `CompletedBoxes`, see `complete_boxes`; `given_ids` are -1 where the class is to be chosen."""
+
+def box_shapes(position: F64, starts: I64, placed: F64, heading: F64, sight: F64, reach_m: float) -> tuple[F64, F64]:
+    """What is told of the points in and around each box.
+
+    Args:
+        position: (P, 3) x and y in the site frame and height above the ground, sorted by box, metres.
+        starts: (B + 1,) first point of each box, and P.
+        placed: (B, 5) x and y of the centre, and the size of each box, metres.
+        heading: (B, 2) unit vector along its length.
+        sight: (B, 2) unit vector to the nearest lidar, in the frame of the box.
+        reach_m: Distance from a box up to which points count as around it.
+
+    Returns:
+        (B, 7) numbers of points inside, at the ends, at the sides, nearer, farther, high beside and above each box; and
+        (B, 26) the columns of `FEATURES` from `low` on, zeros for fewer than three points.
+    """
+
+# sight
+
+def hidden_below(
+    first: I64,
+    distance_m: F64,
+    slope: F64,
+    height_m: F64,
+    sector: I64,
+    far_m: F64,
+    lidar_height_m: F64,
+    starts: I64,
+    from_m: float,
+    max_nearer_share: float,
+    min_hidden_share: float,
+) -> Bools:
+    """(C,) whether clusters are hidden below in enough of the sectors that they extend over, see `Sight`.
+
+    The first point of a cluster in each sector stands for all of them. `first` (S + 1,), `distance_m` and `slope` (N,)
+    are of all points, those of `Sight`. `height_m`, `sector`, the distance `far_m` from their lidar and the
+    `lidar_height_m` of that are of the clusters' points (P,); `starts` (C,) are the first ones, each cluster has one.
+    A line of sight that hides something comes to at least `from_m` above the ground.
     """

@@ -5,15 +5,15 @@ from functools import cache
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, select_rows
+from lidcam.pipeline.core.arrays import I64, select_rows
 from lidcam.pipeline.core.clouds import CombinedCloud
-from lidcam.pipeline.core.compiled import compiled
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.cluster.clusters import HEIGHT_WEIGHT, cluster_points
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter, Fitted, ThinnedPoints, rows_of
 from lidcam.pipeline.detectors.cluster.sight import Sight
 from lidcam.pipeline.detectors.protocols import Candidates3D
+from lidcam.pipeline.native.kernels import cluster_extents
 
 CEILING_SHARE = 1.15
 """Maximum height of points, as a share of the tallest class: a cluster that reaches it is too tall for any class."""
@@ -24,8 +24,6 @@ SPLIT_SHARES = (0.7,)
 
 MAX_GOOD_MISFIT = 1.0
 """Maximum misfit of a cluster that is one object for sure; others are also tried in parts."""
-
-_HALF_ROOT = np.sqrt(0.5)
 
 
 class ClusterDetector:
@@ -69,7 +67,7 @@ class ClusterDetector:
         weighted = points.position.copy()
         weighted[:, 2] *= HEIGHT_WEIGHT
         count, cluster = cluster_points(weighted, share * points.link_distance_m)
-        rows, starts, weights, low, high = _extents(points.position, points.weights, cluster, count)
+        rows, starts, weights, low, high = cluster_extents(points.position, points.weights, cluster, count)
         bottom, top, min_height_m = low[:, 4], high[:, 4], self._settings.min_height_m
         usable = (weights >= self._settings.min_points) & (top >= min_height_m)
         hangs = usable & (bottom > self._settings.max_bottom_m)
@@ -90,45 +88,3 @@ class ClusterDetector:
             again[small] = (found.boxes.class_ids < 0) | (found.boxes.misfit > MAX_GOOD_MISFIT)
         rows = rows.take(rows_of(starts[:-1], len(rows), again)[0])
         return fitted, select_rows(points, rows), cluster.take(rows)
-
-
-@compiled(
-    "Tuple((int64[::1], int64[::1], int64[::1], float64[:, ::1], float64[:, ::1]))"
-    "(float64[:, ::1], int64[::1], int64[::1], int64)"
-)
-def _extents(position: F64, weights: I64, cluster: I64, clusters: int) -> tuple[I64, I64, I64, F64, F64]:
-    """The points and extents of C clusters, each of at least one point.
-
-    Returns:
-        (N,) rows of the points, cluster after cluster; (C + 1,) the first of each cluster, and N; (C,) sum of their
-        weights; (C, 5) lowest and highest place of the points along x, y, the two diagonals between these, and z.
-    """
-    starts, total = np.zeros(clusters + 1, np.int64), np.zeros(clusters, np.int64)
-    low, high = np.empty((clusters, 5)), np.empty((clusters, 5))
-    for c in range(clusters):
-        for k in range(5):
-            low[c, k], high[c, k] = np.inf, -np.inf
-    for i in range(len(cluster)):
-        c, x, y = cluster[i], position[i, 0], position[i, 1]
-        starts[c + 1] += 1
-        total[c] += weights[i]
-        for k in range(5):
-            place = x
-            if k == 1:
-                place = y
-            elif k == 2:
-                place = (x + y) * _HALF_ROOT
-            elif k == 3:
-                place = (x - y) * _HALF_ROOT
-            elif k == 4:
-                place = position[i, 2]
-            low[c, k], high[c, k] = min(low[c, k], place), max(high[c, k], place)
-    rows, end = np.empty(len(cluster), np.int64), np.empty(clusters, np.int64)
-    for c in range(clusters):
-        starts[c + 1] += starts[c]
-        end[c] = starts[c]
-    for i in range(len(cluster)):
-        c = cluster[i]
-        rows[end[c]] = i
-        end[c] += 1
-    return rows, starts, total, low, high

@@ -6,10 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, F64, I32, I64, U8, Bools, Indices, Record, join_rows, select_rows
+from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Record, join_rows, select_rows
 from lidcam.pipeline.core.clouds import CombinedCloud, Plane
-from lidcam.pipeline.core.compiled import compiled
-from lidcam.pipeline.core.geometry.bilinear import between
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.detect import ClusterConfig
@@ -24,6 +22,7 @@ from lidcam.pipeline.detectors.cluster.lshape import (
 )
 from lidcam.pipeline.detectors.cluster.scores import box_covariances, box_scores
 from lidcam.pipeline.detectors.protocols import Candidates3D
+from lidcam.pipeline.native.kernels import points_above_ground
 
 THIN_SHARE = 0.2
 """Edge of the cells whose points become one, as a share of the link distance: dense surfaces say no more than sparse
@@ -105,15 +104,17 @@ class BoxFitter:
 
     def above_ground(self, combined: CombinedCloud, rows: I64, above_m: float, below_m: float = np.inf) -> AboveGround:
         """The points of rows (N,) of `combined.detection_cloud` between two heights above the ground, both excluded."""
-        found = _points_above_ground(
+        found = points_above_ground(
             combined.detection_cloud.xyz,
             combined.detection_lidar_index,
             combined.detection_cloud.time_offset_ns,
             rows,
             *_ground_arrays(combined, self._ground_height_m),
             self._lidar_xyz,
-            np.array([self._settings.distance_m, self._settings.distance_per_m]),
-            np.array([above_m, below_m]),
+            self._settings.distance_m,
+            self._settings.distance_per_m,
+            above_m,
+            below_m,
         )
         return AboveGround(*found)
 
@@ -194,50 +195,13 @@ class BoxFitter:
 
 
 def _ground_arrays(combined: CombinedCloud, level_m: float) -> tuple[F64, F64, F64]:
-    """The ground as `_points_above_ground` takes it: its plane, its relief, and where the nodes of that are."""
+    """The ground as `points_above_ground` takes it: its plane, its relief, and where the nodes of that are."""
     flat, relief = Plane(np.array([0.0, 0.0, 1.0]), -level_m), combined.relief
     plane = flat if combined.plane is None else combined.plane
     surface = np.append(plane.normal, plane.offset_m)
     if relief is None or combined.plane is None:
         return surface, np.zeros((2, 2)), np.array([0.0, 0.0, 1.0])
     return surface, relief.offsets_m, np.append(relief.origin_xy, relief.cell_m)
-
-
-@compiled(
-    "Tuple((int64[::1], float64[:, ::1], int64[::1], float64[::1], float64[::1]))"
-    "(Array(float32, 2, 'C', readonly=True), Array(uint8, 1, 'C', readonly=True), "
-    "Array(int32, 1, 'C', readonly=True), int64[::1], float64[::1], "
-    "Array(float64, 2, 'C', readonly=True), float64[::1], float64[:, ::1], float64[::1], float64[::1])"
-)
-def _points_above_ground(
-    xyz: F32,
-    lidar_index: U8,
-    time_ns: I32,
-    rows: I64,
-    plane: F64,
-    relief_m: F64,
-    grid: F64,
-    lidar_xyz: F64,
-    link: F64,
-    heights_m: F64,
-) -> tuple[I64, F64, I64, F64, F64]:
-    """The fields of `AboveGround`; `plane`, `relief_m` and `grid` are those of `_ground_arrays`."""
-    count = len(rows)
-    place, lidar, link_m = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count)
-    position, when_ns = np.empty((count, 3)), np.empty(count)
-    kept = 0
-    for i in range(count):
-        x, y, z = np.float64(xyz[rows[i], 0]), np.float64(xyz[rows[i], 1]), np.float64(xyz[rows[i], 2])
-        relief = between(relief_m, (x - grid[0]) / grid[2], (y - grid[1]) / grid[2])
-        above = z - (-(x * plane[0] + y * plane[1] + plane[3]) / plane[2] + relief)
-        if heights_m[0] < above < heights_m[1]:
-            own = np.int64(lidar_index[rows[i]])
-            dx, dy, dz = x - lidar_xyz[own, 0], y - lidar_xyz[own, 1], z - lidar_xyz[own, 2]
-            place[kept], lidar[kept], when_ns[kept] = i, own, time_ns[rows[i]]
-            position[kept, 0], position[kept, 1], position[kept, 2] = x, y, above
-            link_m[kept] = link[0] + link[1] * np.sqrt(dx * dx + dy * dy + dz * dz)
-            kept += 1
-    return place[:kept], position[:kept], lidar[:kept], link_m[:kept], when_ns[:kept]
 
 
 def rows_of(starts: I64, count: int, is_wanted: Bools) -> tuple[Indices, I64]:

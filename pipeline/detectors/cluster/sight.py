@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64, Bools
-from lidcam.pipeline.core.compiled import compiled
+from lidcam.pipeline.native.kernels import hidden_below
 
 SECTOR_RAD = np.deg2rad(1.0)
 """Width of a sector, within which points stand in one line of sight, roughly."""
@@ -50,7 +50,7 @@ class Sight(NamedTuple):
             from_m: Height below which a cluster has to begin if it stands on the ground.
         """
         sector, distance_m, _ = _seen(position, lidar, self.origins)
-        return _hidden_below(
+        return hidden_below(
             self.starts,
             self.distance_m,
             self.slope,
@@ -60,7 +60,8 @@ class Sight(NamedTuple):
             self.origins[:, 2].take(lidar),
             starts,
             from_m / 2,
-            np.array([MAX_NEARER_SHARE, MIN_HIDDEN_SHARE]),
+            MAX_NEARER_SHARE,
+            MIN_HIDDEN_SHARE,
         )
 
 
@@ -70,44 +71,3 @@ def _seen(position: F64, lidar: I64, origins: F64) -> tuple[I64, F64, F64]:
     distance_m = np.maximum(np.hypot(x, y), 1e-9)
     sector = ((np.arctan2(y, x) + np.pi) / SECTOR_RAD).astype(np.int64)
     return lidar * SECTORS + sector, distance_m, z / distance_m
-
-
-@compiled(
-    "boolean[::1](int64[::1], float64[::1], float64[::1], float64[::1], int64[::1], float64[::1], float64[::1], "
-    "int64[::1], float64, float64[::1])"
-)
-def _hidden_below(
-    first: I64,
-    distance_m: F64,
-    slope: F64,
-    height_m: F64,
-    sector: I64,
-    far_m: F64,
-    lidar_height_m: F64,
-    starts: I64,
-    from_m: float,
-    shares: F64,
-) -> Bools:
-    """(C,) whether clusters are hidden below in enough of the sectors that they extend over, see `Sight`.
-
-    The first point of a cluster in each sector stands for all of them. `far_m` is the distance (P,) of a cluster's
-    points from their lidar, `shares` are `MAX_NEARER_SHARE` and `MIN_HIDDEN_SHARE`.
-    """
-    found, looked = np.empty(len(starts), np.bool_), np.full(len(first), -1, np.int64)
-    for c in range(len(starts)):
-        end = starts[c + 1] if c + 1 < len(starts) else len(sector)
-        bottom_m, lines, hidden = np.inf, 0, 0
-        for i in range(starts[c], end):
-            bottom_m = min(bottom_m, height_m[i])
-        for i in range(starts[c], end):
-            if looked[sector[i]] == c:
-                continue
-            looked[sector[i]] = c
-            lines += 1
-            for k in range(first[sector[i]], first[sector[i] + 1]):
-                meets_m = lidar_height_m[i] + slope[k] * far_m[i]
-                if distance_m[k] < shares[0] * far_m[i] and from_m <= meets_m <= bottom_m:
-                    hidden += 1
-                    break
-        found[c] = hidden >= shares[1] * lines
-    return found

@@ -10,8 +10,8 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.clouds import CombinedCloud, Plane, Relief
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.detect import ClusterConfig
-from lidcam.pipeline.detectors.cluster.detector import _extents
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
+from lidcam.pipeline.native.kernels import cluster_extents
 
 LIDARS = np.array([[0.0, 0.0, 1.8], [3.0, -1.0, 2.0]])
 SLOPE = Plane(np.array([-0.1, 0.02, 1.0]) / np.sqrt(1.0104), 0.2)
@@ -51,7 +51,7 @@ def test_extents_of_clusters(count: int) -> None:
     rng = np.random.default_rng(count)
     cluster = rng.permutation(np.concatenate([np.arange(7), rng.integers(0, 7, count)]))
     position, weights = rng.normal(0, 5, (len(cluster), 3)), rng.integers(1, 5, len(cluster))
-    order, starts, total, low, high = _extents(position, weights, cluster, 7)
+    order, starts, total, low, high = cluster_extents(position, weights, cluster, 7)
     x, y, z = position.T
     places = np.stack([x, y, (x + y) * np.sqrt(0.5), (x - y) * np.sqrt(0.5), z], 1)
     for one in range(7):
