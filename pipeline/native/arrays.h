@@ -7,6 +7,8 @@
 #include <cstdint>
 #include <initializer_list>
 #include <memory>
+#include <utility>
+#include <vector>
 
 namespace nb = nanobind;
 
@@ -46,6 +48,13 @@ template <class T> class Out {
     size_t dimensions_, shape_[4] = {};
     std::unique_ptr<T[]> data_;
 };
+
+// A list that numpy takes over; with the interpreter's lock.
+template <class T> nb::object numpy_of(std::vector<T> &values) {
+    auto *kept = new std::vector<T>(std::move(values));
+    nb::capsule owner(kept, [](void *of) noexcept { delete static_cast<std::vector<T> *>(of); });
+    return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<1>>(kept->data(), {kept->size()}, owner));
+}
 
 // The name of an argument that has to have exactly the type that a kernel takes: nothing is copied in silence.
 inline auto array(const char *name) { return nb::arg(name).noconvert(); }

@@ -2,7 +2,15 @@
 #include "arrays.h"
 
 void add_assignment(nb::module_ &kernels);
+void add_lenses(nb::module_ &kernels);
+void add_outlines(nb::module_ &kernels);
+void add_regions(nb::module_ &kernels);
+void add_visibility(nb::module_ &kernels);
 
 NB_MODULE(kernels, kernels) {
     add_assignment(kernels);
+    add_lenses(kernels);
+    add_outlines(kernels);
+    add_regions(kernels);
+    add_visibility(kernels);
 }
