@@ -56,6 +56,16 @@ def outermost_points(
         are ahead and within the lens model.
     """
 
+def pillar_features(
+    position: F64, cell_m: float, cells: int, low_m: float, high_m: float, step_m: float
+) -> tuple[F32, I64, I64, F64]:
+    """The features that need no logarithm and no root, see `detectors.pillars.grid.pillars`, of points (N, 3).
+
+    Returns:
+        (P, 8) float32 features, of which the last two are zero; (P,) the pillar of each of these points; (P,) the
+        number of points in it; (P, 2) x and y in steps of `step_m`, metres.
+    """
+
 def pixels_of_points(points: F64, K: F64, coefficients: F64, equidistant: Bools, limits: F64) -> tuple[F64, Bools]:
     """See `Lenses.project`; the arguments after the first are the fields of `Lenses`."""
 

@@ -4,6 +4,7 @@
 void add_assignment(nb::module_ &kernels);
 void add_lenses(nb::module_ &kernels);
 void add_outlines(nb::module_ &kernels);
+void add_pillars(nb::module_ &kernels);
 void add_regions(nb::module_ &kernels);
 void add_visibility(nb::module_ &kernels);
 
@@ -11,6 +12,7 @@ NB_MODULE(kernels, kernels) {
     add_assignment(kernels);
     add_lenses(kernels);
     add_outlines(kernels);
+    add_pillars(kernels);
     add_regions(kernels);
     add_visibility(kernels);
 }
