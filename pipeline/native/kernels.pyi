@@ -1,4 +1,33 @@
+from typing import Any, Final
+
 from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Indices
+
+ONE: Final[int]
+SEQUENCE: Final[int]
+"""Lengths of fields with one value, and of those with a sequence; others are arrays of this length."""
+
+class CdrType:
+    """A type of messages, for `cdr`."""
+
+    def __init__(self, name: str, fields: list[tuple[str, str | CdrType, int]]) -> None:
+        """Take the attributes of its messages in order, each with what it holds and its length.
+
+        It holds messages, texts ("string"), or numbers: "bool", "byte", "char", "int8", "uint8" and so on, "float32",
+        "float64".
+
+        Raises:
+            ValueError: it holds something else.
+        """
+
+def cdr(type: CdrType, message: Any) -> bytes:
+    """A message as little-endian CDR.
+
+    Sequences and arrays of numbers are numpy arrays of their type, others are lists.
+
+    Raises:
+        ValueError: a number does not fit its field, or an array has another length.
+        TypeError: a field holds something else.
+    """
 
 def columns_of_rows(costs: F64) -> Indices:
     """(R,) the column of each row of costs (R, C), R <= C."""
