@@ -1,5 +1,5 @@
-// Messages as little-endian CDR, as ROS 2 keeps them in files: version 1 of the encoding, each number aligned to its size
-// from the end of the header (OMG, Common Data Representation, in DDS-XTypes 1.3, 7.4.3).
+// Messages as little-endian CDR, as ROS 2 keeps them in files: version 1 of the encoding, each number aligned to its
+// size from the end of the header (OMG, DDS-XTypes 1.3, section 7.4.3).
 //
 // The interpreter's lock is held throughout: everything is read from Python objects.
 #include "arrays.h"
@@ -224,13 +224,14 @@ void write_text(Bytes &out, PyObject *value) {
     std::memcpy(out.take(size_t(length) + 1), text, size_t(length) + 1);
 }
 
+// Whether an array has a field's kind of numbers, by the letters of Python's module struct.
 bool holds(const Py_buffer &view, const Field &field) {
     std::string_view format = view.format ? view.format : "B";
-    if (format.size() == 2 && std::string_view("<=@|").find(format[0]) != std::string_view::npos) format.remove_prefix(1);
+    const auto is_among = [&](std::string_view letters) { return letters.find(format[0]) != letters.npos; };
+    if (format.size() == 2 && is_among("<=@|")) format.remove_prefix(1);
     if (view.ndim != 1 || size_t(view.itemsize) != field.size || format.size() != 1) return false;
-    if (field.size == 1) return std::string_view("bB?c").find(format[0]) != std::string_view::npos;
-    const char *letters = field.kind == Kind::float_number ? "fd" : field.kind == Kind::signed_number ? "hilq" : "HILQ";
-    return std::string_view(letters).find(format[0]) != std::string_view::npos;
+    if (field.size == 1) return is_among("bB?c");
+    return is_among(field.kind == Kind::float_number ? "fd" : field.kind == Kind::signed_number ? "hilq" : "HILQ");
 }
 
 void write_numbers(Bytes &out, const Field &field, PyObject *values) {
@@ -314,8 +315,8 @@ nb::object cdr(const CdrType &type, nb::object message) {
     try {
         write_message(out, type, message.ptr());
     } catch (const FieldError &error) {
-        const std::string said = type.name() + error.place + ": expected " + error.expected + ", found " + told(error.found);
-        PyErr_SetString(error.kind, said.c_str());
+        const std::string expected = type.name() + error.place + ": expected " + error.expected;
+        PyErr_SetString(error.kind, (expected + ", found " + told(error.found)).c_str());
         throw nb::python_error();
     }
     return out.finished();

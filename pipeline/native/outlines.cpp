@@ -1,7 +1,6 @@
 // The outermost points of objects in images.
 #include "lenses.h"
 
-#include <algorithm>
 #include <vector>
 
 namespace {
@@ -30,26 +29,25 @@ LIDCAM_PART Vector in_camera(const Vector &place, const BoxInCamera &box) {
 }
 
 // Nothing that is read here is written: box and lens are copies, and the outputs are restricted. Otherwise the compiler
-// takes one point at a time.
-LIDCAM_PART void show_by(const double *signs, const double *offsets, int64_t count, BoxInCamera box, Lens lens,
-                         bool equidistant, double *__restrict u, double *__restrict v, bool *__restrict valid) {
+// takes one point at a time. `invalid` is as wide as a pixel for the same reason.
+LIDCAM_PART bool show_by(const double *signs, const double *offsets, int64_t count, BoxInCamera box, Lens lens,
+                         bool equidistant, double *__restrict u, double *__restrict v) {
+    int64_t invalid = 0;
     for (int64_t s = 0; s < count; s++) {
         const Vector point = in_camera(place_of(signs + 3 * s, offsets + 3 * s, box.half), box);
         const Pixel pixel = pixel_of(point.x, point.y, point.z, lens, equidistant);
         u[s] = pixel.u;
         v[s] = pixel.v;
-        valid[s] = pixel.valid;
+        invalid |= pixel.valid ? 0 : 1;
     }
+    return invalid == 0;
 }
 
-// The pixels of the points (count,) of an object.
-LIDCAM_HOT void show(const double *signs, const double *offsets, int64_t count, const BoxInCamera &box,
-                     const Lens &lens, bool equidistant, double *u, double *v, bool *valid) {
-    if (equidistant) {
-        show_by(signs, offsets, count, box, lens, true, u, v, valid);
-    } else {  // by itself: without an arctangent, several points at once
-        show_by(signs, offsets, count, box, lens, false, u, v, valid);
-    }
+// The pixels of the points (count,) of an object, and whether all are ahead and within the lens model.
+LIDCAM_HOT bool show(const double *signs, const double *offsets, int64_t count, const BoxInCamera &box,
+                     const Lens &lens, bool equidistant, double *u, double *v) {
+    if (equidistant) return show_by(signs, offsets, count, box, lens, true, u, v);
+    return show_by(signs, offsets, count, box, lens, false, u, v);  // by itself: several points at once
 }
 
 BoxInCamera box_in_camera(const double *center, const double *size, double cos, double sin, const double *R,
@@ -88,6 +86,33 @@ Ends ends_of(const double *values, int64_t count) {
     return ends;
 }
 
+// The leftmost, topmost, rightmost and bottommost point of an object, of which the first and the third count across.
+constexpr int EDGES = 4;
+
+// These points in the optical frame, and derivatives of the image coordinate that counts by them.
+struct EdgePoints {
+    double x[EDGES], y[EDGES], z[EDGES];
+    double by_x[EDGES], by_y[EDGES], by_z[EDGES];
+};
+
+LIDCAM_PART void derive_by(EdgePoints &points, Lens lens, bool equidistant) {
+    for (int e = 0; e < EDGES; e++) {
+        const Slopes by = slopes_of(points.x[e], points.y[e], points.z[e], lens, equidistant);
+        const bool is_across = e % 2 == 0;
+        points.by_x[e] = is_across ? by.u_by_x : by.v_by_x;
+        points.by_y[e] = is_across ? by.u_by_y : by.v_by_y;
+        points.by_z[e] = is_across ? by.u_by_z : by.v_by_z;
+    }
+}
+
+LIDCAM_HOT void derive(EdgePoints &points, const Lens &lens, bool equidistant) {
+    if (equidistant) {
+        derive_by(points, lens, true);
+    } else {  // all points at once
+        derive_by(points, lens, false);
+    }
+}
+
 // Derivatives (7,) of an image coordinate by x, y, yaw, length, width, height, z of a box, from those by a point in the
 // optical frame, which has this sign (3,) and this place along the axes of the box.
 void by_box(const Vector &by_point, const BoxInCamera &box, double cos, double sin, const double *sign,
@@ -118,7 +143,6 @@ nb::object outermost_points(In2<double> centers, In2<double> sizes, In1<double> 
         nb::gil_scoped_release unlocked;
         const LensArrays lenses{K.data(), coefficients.data(), equidistant.data(), limits.data()};
         std::vector<double> u(count), v(count);
-        const auto is_ahead = std::make_unique<bool[]>(count);
         for (size_t q = 0; q < boxes; q++) {
             const int64_t p = rows.data()[q];
             const double cos = cosines.data()[q], sin = sines.data()[q];
@@ -126,21 +150,25 @@ nb::object outermost_points(In2<double> centers, In2<double> sizes, In1<double> 
             const BoxInCamera box = box_in_camera(centers.data() + 3 * q, sizes.data() + 3 * q, cos, sin,
                                                   rotations.data() + 9 * p, translations.data() + 3 * p);
             const double *offset = offsets.data() + (offsets.shape(0) > 1 ? 3 * count * p : 0);
-            show(signs.data(), offset, count, box, lens, lenses.equidistant[p], u.data(), v.data(), is_ahead.get());
-            valid[q] = std::all_of(is_ahead.get(), is_ahead.get() + count, [](bool ahead) { return ahead; });
+            const bool is_equidistant = lenses.equidistant[p];
+            valid[q] = show(signs.data(), offset, count, box, lens, is_equidistant, u.data(), v.data());
             const Ends across = ends_of(u.data(), count), down = ends_of(v.data(), count);
-            const int64_t outermost[4] = {across.low, down.low, across.high, down.high};
-            for (size_t e = 0; e < 4; e++) {
+            const int64_t outermost[EDGES] = {across.low, down.low, across.high, down.high};
+            EdgePoints points;
+            Vector places[EDGES];
+            for (int e = 0; e < EDGES; e++) {
                 const int64_t s = outermost[e];
-                const double *sign = signs.data() + 3 * s;
-                const Vector place = place_of(sign, offset + 3 * s, box.half), point = in_camera(place, box);
-                const Slopes by = slopes_of(point.x, point.y, point.z, lens, lenses.equidistant[p]);
-                const bool is_across = e % 2 == 0;
-                const Vector by_point = is_across ? Vector{by.u_by_x, by.u_by_y, by.u_by_z}
-                                                  : Vector{by.v_by_x, by.v_by_y, by.v_by_z};
-                edges(q, e) = is_across ? u[s] : v[s];
+                places[e] = place_of(signs.data() + 3 * s, offset + 3 * s, box.half);
+                const Vector point = in_camera(places[e], box);
+                points.x[e] = point.x, points.y[e] = point.y, points.z[e] = point.z;
+            }
+            derive(points, lens, is_equidistant);
+            for (int e = 0; e < EDGES; e++) {
+                const int64_t s = outermost[e];
+                edges(q, e) = e % 2 == 0 ? u[s] : v[s];
                 makers(q, e) = s;
-                by_box(by_point, box, cos, sin, sign, place, slopes.data() + 28 * q + 7 * e);
+                by_box({points.by_x[e], points.by_y[e], points.by_z[e]}, box, cos, sin, signs.data() + 3 * s, places[e],
+                       slopes.data() + 28 * q + 7 * e);
             }
         }
     }
