@@ -20,7 +20,7 @@ namespace {
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "numbers are written as they lie in memory");
 #endif
 
-// What a field's value does not have to be; the place within the message grows as the error passes the fields.
+// A value that its field cannot hold. The place within the message grows as the error passes the fields.
 struct FieldError {
     PyObject *kind;
     std::string place, expected;
@@ -73,10 +73,10 @@ class CdrType;
 struct Field {
     nb::object name;  // interned, as getattr likes it
     Kind kind;
-    size_t size;           // of a number
-    const char *number;    // its name
-    const CdrType *part;   // of a message
-    int64_t length;        // ONE, SEQUENCE or the length of an array
+    size_t size;          // of a number
+    const char *number;   // its name
+    const CdrType *part;  // of a message
+    int64_t length;       // ONE, SEQUENCE or the length of an array
 };
 
 // The fields of a message's type, in order.
@@ -152,6 +152,7 @@ class Bytes {
   private:
     static constexpr size_t HEADER = 4, FIRST_CAPACITY = 1024;
 
+    // Python's documented way to grow an object that nobody else has.
     void resize(size_t capacity) {
         if (_PyBytes_Resize(&object_, Py_ssize_t(capacity))) throw nb::python_error();
         capacity_ = capacity;

@@ -13,7 +13,12 @@
 
 #include <cmath>
 
+// A part of loops that are compiled twice, and so of both.
+#if defined(__GNUC__)
 #define LIDCAM_PART static inline __attribute__((always_inline))
+#else
+#define LIDCAM_PART static inline
+#endif
 
 // Least depth of a point in the image, metres: half of `core.camera.NEAR_M`.
 constexpr double LEAST_DEPTH_M = 0.005;
