@@ -70,6 +70,7 @@ _FLAGS = [
     "-fvisibility=hidden",
     "-fno-strict-aliasing",  # nanobind's own
     "-fno-math-errno",
+    "-fno-trapping-math",  # nobody asks for exceptions: loops with a choice become vectors, with the same sums
     "-ffp-contract=off",  # the same sums on every machine
     "-Wno-psabi",
 ]

@@ -37,7 +37,7 @@ def synthetic_scan() -> RawMessage:
     shape = (round(sensor.packets_per_turn) * sensor.firings_per_packet, 16)
     packets = sensor.encode(0, rng.uniform(1, 100, shape), rng.integers(0, 256, shape).astype(np.uint8))
     scan = make.scan(START_NS, "velodyne", packets.stamps_ns, packets.payload)
-    return RawMessage(START_NS, START_NS, (0, 0), bytes(make.serialize(scan)), Channel("/packets", SCAN, "cdr"))
+    return RawMessage(START_NS, START_NS, (0, 0), make.serialize(scan), Channel("/packets", SCAN, "cdr"))
 
 
 def recorded_scan(path: Path) -> RawMessage:

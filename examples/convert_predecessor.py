@@ -159,7 +159,7 @@ def convert(folder: Path, output: Path, calibration: Path | None) -> None:
                 definition = ROS2.definition(message.__msgtype__).encode()
                 schema = writer.register_schema(message.__msgtype__, "ros2msg", definition)
                 channels[topic] = writer.register_channel(topic, "cdr", schema)
-            writer.add_message(channels[topic], log_time_ns, bytes(ROS2.serialize(message)), log_time_ns)
+            writer.add_message(channels[topic], log_time_ns, ROS2.serialize(message), log_time_ns)
 
         if calibration is not None:
             for topic, message in calibration_messages(calibration, image_sizes_px(folder)):

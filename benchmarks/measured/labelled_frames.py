@@ -81,7 +81,7 @@ def write_recording(frame: LabelledFrame, path: Path) -> None:
     with mcap_file(path, profile="ros2") as file:
         for topic, message in messages.items():
             channel = file.add_ros2(topic, message.__msgtype__, None)
-            file.add_message(channel, STAMP_NS, bytes(make.serialize(message)))
+            file.add_message(channel, STAMP_NS, make.serialize(message))
 
 
 def _of_benchmark(labels: Path) -> Iterator[LabelledFrame]:

@@ -19,8 +19,8 @@ from lidcam.pipeline.core.arrays import F64, Bools, Indices, Rows, Table, check_
 from lidcam.pipeline.core.geometry.box_edges import BOX_EDGES
 from lidcam.pipeline.core.geometry.boxes import UNIT_CORNERS
 from lidcam.pipeline.core.optics.lenses import Lenses
-from lidcam.pipeline.core.optics.outlines import outermost_points
 from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.native.kernels import outermost_points
 
 PARAMETERS = ("x", "y", "yaw", "length", "width", "height", "z")
 """Parameters of the derivatives, in order: metres and radians; x, y, z of the centre, in the site frame."""

@@ -141,6 +141,4 @@ def _image(frame: Any, stamp_ns: int, frame_id: str) -> bytes:
     if not done:
         raise ValueError("too large")
     stamp_ns = 0 if time_fault(stamp_ns) else stamp_ns
-    return bytes(
-        ROS2.serialize(ROS2.compressed_image(stamp_ns, frame_id, "jpeg", np.asarray(jpeg, np.uint8).reshape(-1)))
-    )
+    return ROS2.serialize(ROS2.compressed_image(stamp_ns, frame_id, "jpeg", np.asarray(jpeg, np.uint8).reshape(-1)))

@@ -162,7 +162,7 @@ class ResultMessages:
     ) -> None:
         self._sink, self._path, self._rig, self._config, self._frames = sink, path, rig, config, frames
         self._channels: dict[str | Channel, int] = {}
-        self._camera_infos: dict[str, memoryview] = {}  # behind the stamps, which alone change
+        self._camera_infos: dict[str, bytes] = {}  # behind the stamps, which alone change
         self.filled: set[str] = set()
         self.survey = SceneSurvey(rig)
         self._label_places = LabelPlaces(self.survey, label_eye, FOV_Y_DEG)

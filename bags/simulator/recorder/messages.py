@@ -74,7 +74,7 @@ class MessageFactory(RosMessages):
 
     def recorded(self, log_ns: int, topic: str, stamp_ns: int, message: Any, *, latched: bool = False) -> Recorded:
         """The serialised message with its topic and times."""
-        return Recorded(log_ns, topic, stamp_ns, message.__msgtype__, bytes(self.serialize(message)), latched)
+        return Recorded(log_ns, topic, stamp_ns, message.__msgtype__, self.serialize(message), latched)
 
     def scan(self, stamp_ns: int, frame_id: str, stamps_ns: I64, payload: U8) -> Any:
         """velodyne_msgs/VelodyneScan of packets (P, 1206), stamped by the driver (P,)."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64, I64
 from lidcam.pipeline.core.settings.model import Count, Positive, SettingsModel
+from lidcam.pipeline.native.kernels import pillar_features
 
 FEATURES = ("height", "dx_mean", "dy_mean", "dheight_mean", "dx_cell", "dy_cell", "log_points", "distance")
 """Features of each point: its height above the ground, its offset from the mean of the points of its pillar and from
@@ -45,21 +46,10 @@ def pillars(position: F64, grid: Grid) -> tuple[F32, I64]:
         (P, 8) float32 `FEATURES` in units of cells (height: metres; distance: half sides), and (P,) the pillar of each
         of these points: its row along y, times the number of columns, plus its column along x.
     """
-    position = np.rint(position / STEP_M) * STEP_M
-    place = (position[:, :2] + grid.half_m) / grid.cell_m
-    column_row = np.floor(place)
-    inside = ((column_row >= 0) & (column_row < grid.cells)).all(1)
-    inside &= (position[:, 2] >= grid.low_m) & (position[:, 2] < grid.high_m)
-    position, place, column_row = position[inside], place[inside], column_row[inside]
-    cell = (column_row[:, 1] * grid.cells + column_row[:, 0]).astype(np.int64)
-    count = np.bincount(cell, minlength=1)
-    sums = np.column_stack([np.bincount(cell, part, minlength=1) for part in position.T])
-    from_mean = position - (sums / np.maximum(count, 1)[:, None])[cell]
-    features = np.empty((len(cell), len(FEATURES)), np.float32)
-    features[:, 0] = position[:, 2]
-    features[:, 1:3] = from_mean[:, :2] / grid.cell_m
-    features[:, 3] = from_mean[:, 2]
-    features[:, 4:6] = place - column_row - 0.5
-    features[:, 6] = np.log(np.maximum(count, 1))[cell]
-    features[:, 7] = np.hypot(position[:, 0], position[:, 1]) / grid.half_m
+    features, cell, count, xy = pillar_features(
+        np.ascontiguousarray(position), grid.cell_m, grid.cells, grid.low_m, grid.high_m, STEP_M
+    )
+    logarithms = np.log(np.arange(1, count.max(initial=0) + 1))
+    features[:, 6] = logarithms[count - 1]
+    features[:, 7] = np.hypot(xy[:, 0], xy[:, 1]) / grid.half_m
     return features, cell

@@ -18,10 +18,10 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F32, F64, Bools, Indices, check_array
 from lidcam.pipeline.core.camera import BORDER_PX, CameraModel
 from lidcam.pipeline.core.clouds import CombinedCloud
-from lidcam.pipeline.core.compiled import compiled
 from lidcam.pipeline.core.detections import Boxes2D, Hypotheses
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.native.kernels import nearest_in_cells
 
 MAX_POINTS = 3000
 """Maximum number of points per frame, evenly thinned: occluders are large."""
@@ -43,9 +43,6 @@ FREE_CELLS = 1.0
 
 NEAR_M = 0.01
 """Minimum distance of points from the plane of the camera, metres."""
-
-_TABLE, _BLOCK = (f"Array(float32, {dimensions}, 'C', True)" for dimensions in (2, 3))
-_POINTS = "Array(float32, 2, 'A', True)"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,8 +130,8 @@ def hidden_by_points(
     low, cell = _cells(tuple(view.model for view in views))
     matrices = np.array([view.T_camera_site.matrix for view in views])
     matrices32, low32, cell32 = (values.astype(np.float32) for values in (matrices, low, cell))
-    sampled = xyz_site[:: -(-len(xyz_site) // MAX_POINTS) or 1]
-    nearest = _nearest_in_cells(matrices32, low32, cell32, sampled)
+    sampled = np.ascontiguousarray(xyz_site[:: -(-len(xyz_site) // MAX_POINTS) or 1])
+    nearest = nearest_in_cells(matrices32, low32, cell32, sampled, ROWS, COLUMNS, NEAR_M)
     corners = corners_site[objects] @ matrices[cameras, :3, :3].swapaxes(1, 2) + matrices[cameras, None, :3, 3]
     middle = corners.mean(1)
     reach_m = np.sqrt(((corners - middle[:, None]) ** 2).sum(2)).max(1)
@@ -161,24 +158,3 @@ def _cells(models: tuple[CameraModel, ...]) -> tuple[F64, F64]:
     low = np.maximum(-VIEW_MARGIN * middle / focal, -MAX_VIEW_TANGENT)
     high = np.minimum(VIEW_MARGIN * (size - middle) / focal, MAX_VIEW_TANGENT)
     return low, (high - low) / (COLUMNS, ROWS)
-
-
-@compiled(f"float32[:, :, ::1]({_BLOCK}, {_TABLE}, {_TABLE}, {_POINTS})")
-def _nearest_in_cells(matrices: F32, low: F32, cell: F32, xyz: F32) -> F32:
-    """(C, ROWS, COLUMNS) range of the nearest of the points (P, 3) in each cell, metres; inf without a point.
-
-    `matrices` (C, 4, 4) are from site to camera; `low` and `cell` (C, 2) as from `_cells`.
-    """
-    nearest = np.full((len(matrices), ROWS, COLUMNS), np.float32(np.inf), np.float32)
-    for c in range(len(matrices)):
-        T = matrices[c]
-        for p in range(len(xyz)):
-            x = T[0, 0] * xyz[p, 0] + T[0, 1] * xyz[p, 1] + T[0, 2] * xyz[p, 2] + T[0, 3]
-            y = T[1, 0] * xyz[p, 0] + T[1, 1] * xyz[p, 1] + T[1, 2] * xyz[p, 2] + T[1, 3]
-            z = T[2, 0] * xyz[p, 0] + T[2, 1] * xyz[p, 1] + T[2, 2] * xyz[p, 2] + T[2, 3]
-            if z > np.float32(NEAR_M):
-                column, row = (x / z - low[c, 0]) / cell[c, 0], (y / z - low[c, 1]) / cell[c, 1]
-                if column >= 0 and column < COLUMNS and row >= 0 and row < ROWS:
-                    own = nearest[c, np.int64(row)]
-                    own[np.int64(column)] = min(own[np.int64(column)], np.sqrt(x * x + y * y + z * z))
-    return nearest

@@ -24,7 +24,7 @@ NAMES = CONFIG.class_names
 
 def through_cdr(message: Any) -> Any:
     """The message after a trip through its bytes."""
-    return message_types(2).deserialize_cdr(bytes(ROS2.serialize(message)), message.__msgtype__)
+    return message_types(2).deserialize_cdr(ROS2.serialize(message), message.__msgtype__)
 
 
 metres = st.floats(-1e4, 1e4)
@@ -92,7 +92,7 @@ def test_the_number_of_a_track_is_the_id_that_is_read_back() -> None:
     )
     kind = message.__msgtype__
     channel = Channel("/fused/detections", kind, "cdr", ROS2.definition(kind), "ros2msg")
-    raw = RawMessage(START_NS, START_NS, (0, 0), bytes(ROS2.serialize(message)), channel)
+    raw = RawMessage(START_NS, START_NS, (0, 0), ROS2.serialize(message), channel)
     assert track_ids(decode_detections3d(raw).ids).tolist() == [12, UNKNOWN, 1, 10**17]
 
 

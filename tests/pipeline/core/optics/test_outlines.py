@@ -11,7 +11,7 @@ from lidcam.pipeline.core.arrays import F64, Bools, Indices
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.optics.lenses import Lenses
-from lidcam.pipeline.core.optics.outlines import outermost_points
+from lidcam.pipeline.native.kernels import outermost_points
 
 MODELS = [lens(*model) for model in LENS_MODELS.values()]
 LENSES = Lenses.of(MODELS)
