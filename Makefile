@@ -37,7 +37,7 @@ unexport PYTHONDONTWRITEBYTECODE
 $(PACKAGES): constraints-run.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "lidcam needs Python 3.11 or newer, found " + sys.version.split()[0] + ": set PYTHON=python3.12 or the like")'
 	$(PYTHON) -m venv .venv
-	@echo 'Installing lidcam into .venv: 450 MB to fetch, once'
+	@echo 'Installing lidcam into .venv: 390 MB to fetch, once'
 	$(LOCKED) constraints-run.txt
 	@touch $@
 

@@ -17,11 +17,12 @@ from itertools import product
 
 import numpy as np
 
-from lidcam.pipeline.calibration.motions import cluster_covariance, motion, turned
+from lidcam.pipeline.calibration.motions import cluster_covariance, motion
 from lidcam.pipeline.calibration.pairs import TrackedPairs
 from lidcam.pipeline.core.arrays import F64, I64, Bools
 from lidcam.pipeline.core.detections import Boxes3D, Source
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.geometry.rotations import turned
 from lidcam.pipeline.core.rig import HABIT_SIGMA, CameraFit, CameraSensor, EdgeHabits
 from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.fusion.projection import CameraArrays, project_edges, rounded_outline

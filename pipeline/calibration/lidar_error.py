@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidcam.pipeline.calibration.motions import cluster_covariance, turned
+from lidcam.pipeline.calibration.motions import cluster_covariance
 from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.geometry.rotations import turned
 
 MAX_POINTS = 1500
 """Maximum number of points of the judged lidar compared per frame, evenly thinned."""
@@ -76,7 +77,7 @@ def lidar_error(frames: Sequence[tuple[F64, F64]], origin_site: F64) -> LidarErr
             without moving objects.
         origin_site: (3,) the lidar in the site frame, metres.
     """
-    from scipy.spatial import cKDTree  # slow to import, and few recordings have two lidars
+    from small_gicp import KdTree  # behind the imports of programs that do without
 
     parts = []
     for reference, points in frames:
@@ -85,7 +86,7 @@ def lidar_error(frames: Sequence[tuple[F64, F64]], origin_site: F64) -> LidarErr
                 reference[:: -(-len(reference) // MAX_REFERENCE_POINTS)],
                 points[:: -(-len(points) // MAX_POINTS)],
             )
-            parts.append((cKDTree(some), some, chosen, np.sqrt(((chosen - origin_site) ** 2).sum(1))))
+            parts.append((KdTree(some), some, chosen, np.sqrt(((chosen - origin_site) ** 2).sum(1))))
     values, prior = np.zeros(6), 1 / np.array([ROTATION_SIGMA_RAD] * 3 + [TRANSLATION_SIGMA_M] * 3) ** 2
     for _ in range(STEPS):
         found = [_against(*part, values, origin_site) for part in parts]
@@ -119,14 +120,14 @@ def _against(
     """
     arms = (points - origin) @ turned(values[:3]).T
     moved = arms + origin + values[3:]
-    distances, rows = tree.query(moved, k=NEIGHBOURS)  # type: ignore[attr-defined]  # cKDTree, imported late
+    rows, squares = tree.batch_knn_search(moved, NEIGHBOURS)  # type: ignore[attr-defined]  # KdTree, imported late
     near = reference[rows]
     middle = near.mean(1)
     spread = near - middle[:, None]
     variances, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread) / NEIGHBOURS)
     normals = axes[..., 0]
     is_plane = (variances[:, 0] < MAX_FLATNESS * variances[:, 1]) & (variances[:, 1] > MIN_BREADTH * variances[:, 2])
-    used = is_plane & (distances[:, NEIGHBOURS // 2] < MAX_NEIGHBOUR_DISTANCE * ranges_m)
+    used = is_plane & (np.sqrt(squares[:, NEIGHBOURS // 2]) < MAX_NEIGHBOUR_DISTANCE * ranges_m)
     normals, arms, moved = normals[used], arms[used], moved[used]
     tilts = np.sqrt(NORMAL_TILT / NEIGHBOURS * variances[used, :1] / variances[used, 1:])
     sides = axes[used, :, 1:].swapaxes(1, 2) * tilts[..., None]

@@ -3,15 +3,7 @@
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64
-
-
-def turned(vectors: F64) -> F64:
-    """(..., 3, 3) rotations by rotation vectors (..., 3), radians (Rodrigues)."""
-    angle = np.maximum(np.sqrt((vectors * vectors).sum(-1)), 1e-9)[..., None, None]
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(*vectors.shape[:-1], 3, 3)
-    return np.asarray(np.eye(3) + np.sin(angle) / angle * cross + (1 - np.cos(angle)) / angle**2 * cross @ cross)
+from lidcam.pipeline.core.geometry.rotations import turned
 
 
 def motion(values: F64) -> F64:

@@ -22,6 +22,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.geometry.pose_samples import OdometryPose
+from lidcam.pipeline.core.geometry.rotations import rotation_vectors, turned
 
 if TYPE_CHECKING:
     from small_gicp import KdTree, PointCloud, RegistrationResult
@@ -181,15 +182,13 @@ class FindOdometry:
 
     def _guess(self, stamp_ns: int) -> F64:
         """The pose at constant velocity; the last one if the velocity is unknown."""
-        from scipy.spatial.transform import Rotation
-
         gap_ns = stamp_ns - self._stamp_ns
         if not 0 < gap_ns <= MAX_GAP_NS:
             self._step_ns = 0
         if not self._step_ns:
             return self._pose
         share, step = gap_ns / self._step_ns, np.eye(4)
-        step[:3, :3] = Rotation.from_rotvec(Rotation.from_matrix(self._step[:3, :3]).as_rotvec() * share).as_matrix()
+        [step[:3, :3]] = turned(rotation_vectors(self._step[None, :3, :3]) * share)
         step[:3, 3] = self._step[:3, 3] * share
         return np.asarray(self._pose @ step)
 
@@ -288,15 +287,11 @@ class FindOdometry:
 
 def _motion(twist: F64) -> F64:
     """(4, 4) matrix of a small motion (6,): translation, rotation vector."""
-    from scipy.spatial.transform import Rotation
-
     motion = np.eye(4)
-    motion[:3, :3], motion[:3, 3] = Rotation.from_rotvec(twist[3:]).as_matrix(), twist[:3]
+    motion[:3, :3], motion[:3, 3] = turned(twist[3:]), twist[:3]
     return motion
 
 
 def _twist(motion: F64) -> F64:
     """(6,) inverse of `_motion`."""
-    from scipy.spatial.transform import Rotation
-
-    return np.concatenate([motion[:3, 3], Rotation.from_matrix(motion[:3, :3]).as_rotvec()])
+    return np.concatenate([motion[:3, 3], *rotation_vectors(motion[None, :3, :3])])

@@ -1,4 +1,4 @@
-"""No command looks for the network or leaves anything in the home folder but compiled functions; libraries count."""
+"""No command looks for the network or leaves anything in the home folder; libraries count."""
 
 import os
 import subprocess
@@ -11,8 +11,6 @@ import pytest
 from no_internet import KILLED, NEEDS, forbid_internet
 from onnx_files import write_yolox
 from small_scenario import write_small_scenario
-
-from lidcam.pipeline.core.compiled.functions import cache_folder
 
 pytestmark = pytest.mark.skipif(bool(NEEDS), reason=NEEDS)
 
@@ -28,11 +26,9 @@ def home(tmp_path: Path) -> Path:
 def watched(home: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
     """Run Python where internet sockets are fatal and the environment says nothing but the home folder."""
     kept = {name: value for name, value in os.environ.items() if name in {"PATH", "PYTHONPATH", "LD_LIBRARY_PATH"}}
-    kernels = cache_folder()
-    assert kernels is not None
     return subprocess.run(
         [sys.executable, *map(str, arguments)],
-        env=kept | {"HOME": str(home), "TMPDIR": str(home), "NUMBA_CACHE_DIR": str(kernels.parent)},
+        env=kept | {"HOME": str(home), "TMPDIR": str(home)},
         cwd=home.parent,
         preexec_fn=forbid_internet(),
         capture_output=True,

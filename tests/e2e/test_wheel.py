@@ -25,7 +25,6 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def run(*command: object, cwd: Path) -> str:
     clean = {name: value for name, value in os.environ.items() if name not in {"PYTHONPATH", "VIRTUAL_ENV"}}
-    clean["NUMBA_DISABLE_JIT"] = "1"  # to compile all for a few points takes a minute
     done = subprocess.run([str(c) for c in command], cwd=cwd, env=clean, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
     return done.stdout

@@ -4,7 +4,6 @@
 given without measuring, six times as many in a second.
 """
 
-import re
 import sys
 from pathlib import Path
 
@@ -14,21 +13,11 @@ TESTS = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(TESTS.parent), str(TESTS / "support"), str(TESTS / "fuzz")]
 
 
-def kernels() -> list[str]:
-    """Modules with compiled functions: numba compiles nothing that is instrumented."""
-    root = TESTS.parent
-    paths = [path for package in ("pipeline", "readers") for path in (root / package).rglob("*.py")]
-    found = [
-        path for path in paths if re.search(r"^@(compiled|inlined)", path.read_text(encoding="utf-8"), re.MULTILINE)
-    ]
-    return [".".join(path.relative_to(root).with_suffix("").parts) for path in found]
-
-
 def main() -> None:
     """Runs until libFuzzer ends it."""
     way, name = sys.argv.pop(1), sys.argv.pop(1)
     measured = ["readers", "pipeline", "rosbags", "mcap"] if way == "guided" else ["none"]
-    with atheris.instrument_imports(include=measured, exclude=kernels()):
+    with atheris.instrument_imports(include=measured):
         from harnesses import HARNESSES
     run = HARNESSES[name].run
     if way == "fast":  # libFuzzer does not begin without a single branch to measure

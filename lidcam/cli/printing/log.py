@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from lidcam.cli.printing.escaping import visible, visible_lines
-from lidcam.pipeline.core.compile_log import compile_log
 from lidcam.pipeline.core.errors import OutputError
 
 remark_log = logging.getLogger("lidcam.remarks")
@@ -30,7 +29,7 @@ verdict_log = logging.getLogger("lidcam.verdict")
 LOG_LINE = re.compile(rb"[-\d]{10}T[:\d]{8}\.\d{3}Z ")
 """The beginning of each line of a log file."""
 
-_REMARKS = (remark_log.name, compile_log.name)
+_REMARKS = (remark_log.name,)
 
 
 class Verbosity(IntEnum):

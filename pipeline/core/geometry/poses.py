@@ -3,6 +3,7 @@
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.geometry.rotations import rotation_vectors, turned
 
 
 def interpolate_poses(stamps_ns: I64, poses: F64, wanted_ns: I64) -> F64:
@@ -10,17 +11,15 @@ def interpolate_poses(stamps_ns: I64, poses: F64, wanted_ns: I64) -> F64:
 
     Known are poses (S, 4, 4) at strictly increasing stamps (S,), S >= 2.
     """
-    from scipy.spatial.transform import Rotation  # a third of a second, for recordings with motion alone
-
     # Times relative to the first stamp: float64 seconds of the Unix epoch would only resolve 240 ns.
     start = int(stamps_ns[0])
     known = (stamps_ns - start).astype(np.float64)
     wanted = (wanted_ns - start).astype(np.float64)
     row = np.clip(np.searchsorted(known, wanted, side="right") - 1, 0, len(known) - 2)
     share = (wanted - known[row]) / (known[row + 1] - known[row])
-    rotations = Rotation.from_matrix(poses[:, :3, :3])
-    step = (rotations[row].inv() * rotations[row + 1]).as_rotvec()
+    rotations = poses[:, :3, :3]
+    steps = rotation_vectors(rotations[:-1].swapaxes(1, 2) @ rotations[1:])
     out = np.tile(np.eye(4), (len(wanted), 1, 1))
-    out[:, :3, :3] = (rotations[row] * Rotation.from_rotvec(step * share[:, None])).as_matrix()
+    out[:, :3, :3] = rotations[row] @ turned(steps[row] * share[:, None])
     out[:, :3, 3] = poses[row, :3, 3] * (1 - share[:, None]) + poses[row + 1, :3, 3] * share[:, None]
     return out

@@ -1,7 +1,8 @@
-"""Rotations as matrices, unit quaternions and angles.
+"""Rotations as matrices, unit quaternions, angles and rotation vectors.
 
 A few formulas, in the order of operations of `scipy.spatial.transform.Rotation`, so that both give the same numbers:
-importing that costs every start of the program a third of a second.
+importing that costs every start of the program a third of a second. Sines are those of the C library: those of numpy's
+vector instructions differ in the last digit between machines.
 """
 
 import math
@@ -11,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lidcam.pipeline.core.arrays import F64
+
+MIN_ANGLE_RAD = 1e-9
 
 
 def matrix_of_quaternion(xyzw: npt.ArrayLike) -> F64:
@@ -39,7 +42,6 @@ def _matrix(x: F64 | np.float64, y: F64 | np.float64, z: F64 | np.float64, w: F6
 
 def matrix_of_rpy(rpy_rad: Sequence[float] | F64) -> F64:
     """Rotation matrix (3, 3) of roll about x, then pitch about y, then yaw about z of the fixed frame (REP 103)."""
-    # The sines of the C library: those of numpy's vector instructions differ in the last digit between machines.
     (sx, cx), (sy, cy), (sz, cz) = ((math.sin(angle / 2), math.cos(angle / 2)) for angle in map(float, rpy_rad))
     x, y, z, w = cy * sx, sy * cx, -sy * sx, cy * cx
     return _matrix(*map(np.float64, (cz * x - sz * y, cz * y + sz * x, cz * z + w * sz, cz * w - sz * z)))
@@ -74,3 +76,24 @@ def quaternion_of_matrix(matrix: F64) -> F64:
     length = math.sqrt(x * x + y * y + z * z + w * w)
     sign = -1.0 if (w, x, y, z) < (0, 0, 0, 0) else 1.0
     return np.array([sign * (value / length) for value in xyzw])
+
+
+def turned(vectors: F64) -> F64:
+    """(..., 3, 3) rotations by rotation vectors (..., 3), radians (Rodrigues)."""
+    angle = np.maximum(np.sqrt((vectors * vectors).sum(-1)), MIN_ANGLE_RAD)
+    sine = np.array([math.sin(one) for one in angle.flat]).reshape(angle.shape)
+    cosine = np.array([math.cos(one) for one in angle.flat]).reshape(angle.shape)
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(*vectors.shape[:-1], 3, 3)
+    linear, square = sine / angle, (1 - cosine) / angle**2
+    return np.asarray(np.eye(3) + linear[..., None, None] * cross + square[..., None, None] * cross @ cross)
+
+
+def rotation_vectors(rotations: F64) -> F64:
+    """(N, 3) rotation vectors, radians, of rotations (N, 3, 3): axes, as long as the angles, up to half a turn."""
+    quaternions = np.array([quaternion_of_matrix(one) for one in rotations]).reshape(-1, 4)
+    sine = np.linalg.norm(quaternions[:, :3], axis=1)
+    half = np.array([math.atan2(*pair) for pair in zip(sine, quaternions[:, 3], strict=True)])
+    scale = np.where(sine > MIN_ANGLE_RAD, 2 * half / np.maximum(sine, MIN_ANGLE_RAD), 2.0)
+    return np.asarray(quaternions[:, :3] * scale[:, None])

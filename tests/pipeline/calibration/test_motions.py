@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lidcam.pipeline.calibration.motions import cluster_covariance, motion, turned
+from lidcam.pipeline.calibration.motions import cluster_covariance, motion
+from lidcam.pipeline.core.geometry.rotations import turned
 
 
 def test_rotations_are_those_of_scipy() -> None:

@@ -6,7 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy, quaternion_of_matrix
+from lidcam.pipeline.core.geometry.rotations import (
+    matrix_of_quaternion,
+    matrix_of_rpy,
+    quaternion_of_matrix,
+    rotation_vectors,
+    turned,
+)
 
 ANGLES = st.tuples(*[st.floats(-10, 10)] * 3)
 QUATERNIONS = st.tuples(*[st.floats(-2, 2)] * 4).filter(lambda xyzw: math.hypot(*xyzw) > 1e-3)
@@ -58,3 +64,16 @@ def test_the_rotation_nearest_to_a_rounded_matrix() -> None:
 def test_what_is_no_rotation_is_refused(diagonal: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="expected a rotation"):
         quaternion_of_matrix(np.diag(diagonal).astype(np.float64))
+
+
+@given(st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda xyz: math.hypot(*xyz) > 1e-3), st.floats(0, math.pi - 1e-9))
+def test_rotation_vectors_are_those_of_scipy(axis: tuple[float, float, float], angle_rad: float) -> None:
+    vector = np.array(axis) / np.linalg.norm(axis) * angle_rad
+    judge = Rotation.from_rotvec(vector)
+    np.testing.assert_allclose(turned(vector), judge.as_matrix(), atol=1e-14)
+    np.testing.assert_allclose(rotation_vectors(judge.as_matrix()[None]), [vector], atol=1e-14)
+
+
+def test_no_rotations_have_no_vectors() -> None:
+    assert rotation_vectors(np.zeros((0, 3, 3))).shape == (0, 3)
+    assert turned(np.zeros((0, 3))).shape == (0, 3, 3)
