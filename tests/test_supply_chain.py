@@ -58,7 +58,8 @@ def test_make_installs_by_hash() -> None:
     )
     others = re.findall(r"^\t\$\(PIP\) install (.*)$", makefile, re.MULTILINE)
     assert len(others) == 2  # lidcam itself, and PyTorch
-    assert all(options.startswith("--no-build-isolation") and "--editable" in options for options in others)
+    assert others[0] == "--no-build-isolation --no-deps --editable ."
+    assert re.fullmatch(r"--no-compile 'lidcam\[[\w,]+\]'", others[1])  # lidcam is installed: what it lacks is PyTorch
 
 
 def licences_of_page() -> dict[str, str]:
@@ -111,7 +112,9 @@ def test_the_image_is_of_checked_wheels_and_has_no_root() -> None:
     lines = (ROOT / "Dockerfile").read_text(encoding="utf-8").splitlines()
     installs = [line for line in lines if "pip install" in line]
     assert all("--no-deps" in line for line in installs)
-    assert [line.split()[-1] for line in installs if "--require-hashes --no-deps" in line] == ["constraints-run.txt"]
+    assert [re.findall(r"--requirement (\S+)", line) for line in installs if "--require-hashes --no-deps" in line] == [
+        ["constraints-run.txt", "constraints-compiler.txt"]
+    ]
     assert next(line for line in installs if "--require-hashes" not in line).endswith(
         "--no-build-isolation --no-deps ."
     )
