@@ -8,12 +8,15 @@ RUN python -m venv /opt/lidcam
 COPY constraints-run.txt constraints-compiler.txt .
 RUN /opt/lidcam/bin/pip install --no-cache-dir --only-binary :all: --require-hashes --no-deps --requirement constraints-run.txt --requirement constraints-compiler.txt
 COPY . .
-RUN /opt/lidcam/bin/pip install --no-cache-dir --no-build-isolation --no-deps . && /opt/lidcam/bin/pip uninstall --yes ziglang
+RUN /opt/lidcam/bin/pip install --no-cache-dir --no-build-isolation --no-deps .
+RUN /opt/lidcam/bin/pip uninstall --yes ziglang
 
 FROM python:3.12-slim
 COPY --from=build /opt/lidcam /opt/lidcam
 ENV PATH=/opt/lidcam/bin:$PATH
 RUN useradd --create-home --uid 1000 lidcam
 USER lidcam
+# Builds no image that does not work.
+RUN lidcam demo /tmp/demo && rm -r /tmp/demo
 WORKDIR /data
 ENTRYPOINT ["lidcam"]
