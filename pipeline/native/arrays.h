@@ -12,9 +12,9 @@
 
 namespace nb = nanobind;
 
-// Loops over many points are compiled twice, and the processor chooses as the module is loaded. They call nothing of the
-// standard library that is not inlined: clang leaves it out.
-#if defined(__x86_64__) && defined(__GLIBC__) && !defined(LIDCAM_PLAIN)
+// Loops over many points are compiled twice by GCC, and the processor chooses as the module is loaded. Clang would leave
+// out functions of the standard library that they call, and that of ziglang never chooses AVX2.
+#if defined(__x86_64__) && defined(__GLIBC__) && !defined(__clang__) && !defined(LIDCAM_PLAIN)
 #define LIDCAM_CLONED
 #define LIDCAM_HOT __attribute__((target_clones("arch=x86-64-v3", "default")))
 #else
