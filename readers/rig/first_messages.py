@@ -27,6 +27,7 @@ class _First(NamedTuple):
     content: Any
     frame_id: str
     size_px: tuple[int, int] | None
+    log_time_ns: int
 
 
 class FirstMessages:
@@ -63,6 +64,11 @@ class FirstMessages:
         """The frame of a topic's messages; empty if they name none or cannot be decoded."""
         found = self._first(topic, msgtypes)
         return "" if isinstance(found, MessageError) else found.frame_id
+
+    def log_time_ns(self, topic: str, msgtypes: Collection[str]) -> int | None:
+        """When the first message that can be decoded was recorded; None if none can."""
+        found = self._first(topic, msgtypes)
+        return None if isinstance(found, MessageError) else found.log_time_ns
 
     def image_size(self, topic: str, msgtypes: Collection[str]) -> tuple[int, int] | None:
         """(width, height) of the topic's first image or cloud, in pixels or points; None if unknown."""
@@ -113,4 +119,5 @@ def _first_of(message: RawMessage, limits: RecordingLimits) -> _First:
         size = image_size(content.data.tobytes())
     if hasattr(content, "data"):
         object.__setattr__(content, "data", ())
-    return _First(content, clean_frame(getattr(content, "header", content).frame_id), size)
+    frame = clean_frame(getattr(content, "header", content).frame_id)
+    return _First(content, frame, size, message.log_time_ns)
