@@ -67,7 +67,7 @@ def _looked_at(source: RunInput) -> Iterator[FrameResult]:
     config = source.config.model_copy(update={"track": track})
     drops = DropTable("skip")
     graph, result = build_graph(config, source.rig, on_bad=drops.on_bad)
-    tracker = object_tracker(decided(config, source.rig), source.rig)
+    tracker = object_tracker(decided(config, source.rig), source.rig, all_speeds=True)
     if tracker is None:
         raise AssertionError("online tracks have a tracker")
     recording, window = source.recording, source.window

@@ -280,12 +280,17 @@ def summary_tree(run: RunSummary) -> dict[str, Any]:
     }
 
 
+def _known(row: dict[str, Any]) -> dict[str, Any]:
+    """A row of a table for JSON, which has null where a number is not known."""
+    return {name: None if value != value else value for name, value in row.items()}
+
+
 def _road_users_tree(users: RoadUsers | None) -> dict[str, Any] | None:
-    """`counts` by class and zone (null: all of the site), `changes` from zone to zone."""
+    """`counts` by class and zone (null: all of the site), `changes` from zone to zone; speeds may be null."""
     if users is None:
         return None
-    counts = [asdict(one) | {"zone": one.zone or None} for one in users.counts]
-    changes = [asdict(one) for one in users.changes]
+    counts = [_known(asdict(one)) | {"zone": one.zone or None} for one in users.counts]
+    changes = [_known(asdict(one)) for one in users.changes]
     return {
         name: [{"class": row.pop("class_name"), **row} for row in rows]
         for name, rows in (("counts", counts), ("changes", changes))
