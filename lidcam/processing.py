@@ -190,7 +190,13 @@ class Run:
             FileCheck(source.recording.paths),
             LidarCheck(source.rig),
             CalibrationCheck(source.rig, source.config),
-            ObjectCheck(source.recording, source.rig, source.config, source.settings, moves=source.motion is not None),
+            ObjectCheck(
+                source.recording,
+                source.rig,
+                source.config,
+                source.settings,
+                moves=source.motion is not None or source.settings.moves,
+            ),
             DoubtedCheck(source.config, has_2d_boxes=box_source(source.config, source.rig) != "none"),
         )
         self._make_graph = partial(build_graph, source.config, source.rig, on_bad=drops.on_bad)
