@@ -14,7 +14,7 @@ from pathlib import Path
 
 from lidcam.checks.calibration.check import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
-from lidcam.checks.clocks import clock_notes, clocks_off, jump_warnings, late_warnings
+from lidcam.checks.clocks import clock_notes, sync_warnings
 from lidcam.checks.doubted import DoubtedCheck
 from lidcam.checks.files import FileCheck, check_not_empty
 from lidcam.checks.lidars import LidarCheck
@@ -49,14 +49,14 @@ from lidcam.run.frames import (
     bundles,
     decoded_topics,
     expected_frames,
+    missing_from_frames,
     no_frames,
     reference_topic,
     sensor_clocks,
-    synchronized_topics,
     time_window,
 )
 from lidcam.run.job import Job
-from lidcam.run.missing import MissingSensor, absence_warnings, missing_sensors, silence_warnings
+from lidcam.run.missing import MissingSensor
 from lidcam.run.summary import (
     InputSummary,
     RunSummary,
@@ -291,8 +291,7 @@ class Run:
         source, found, tally, drops = self.source, self.found, self._tally, self._drops.rows
         motion_topics = source.motion.topics if source.motion else ()
         used = {*tally.messages, *(drop.topic for drop in drops), *motion_topics, *source.copied}
-        absences = self._stats.attendance.absences(synchronized_topics(source.config, source.rig))
-        missing = missing_sensors(absences, source.rig, of_frames=self._stats.sets, start_ns=source.recording.start_ns)
+        missing = missing_from_frames(source, self._stats)
         return RunSummary(
             inputs=InputSummary(
                 files=tuple(inputs),
@@ -330,15 +329,8 @@ class Run:
         )
 
     def _warnings(self, missing: Sequence[MissingSensor]) -> Iterator[RunWarning]:
-        rig, clocks, tally = self.source.rig, self._clocks, self._tally
-        yield from jump_warnings(clocks.jumps, start_ns=self.source.recording.start_ns)
-        yield from silence_warnings(missing)
-        drops = {(drop.topic, drop.reason): drop.count for drop in self._drops.rows}
-        yield from (
-            clocks_off(clocks.delays_ns, missing, rig)
-            or late_warnings(drops, self._stats.received, rig)
-            or absence_warnings(missing)
-        )
+        tally = self._tally
+        yield from sync_warnings(self._clocks, self._stats, missing, self._drops.rows, self.source)
         yield from class_number_warnings(tally.unused_boxes, self.source.config, tally.unused_boxes3d)
         for check in self._checks:
             yield from check.warnings
