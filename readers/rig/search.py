@@ -25,8 +25,6 @@ BEYOND_SITE = frozenset({"earth", "utm"})
 
 RAW_LIDAR = frozenset(
     {
-        "livox_ros_driver/msg/CustomMsg",
-        "livox_ros_driver2/msg/CustomMsg",
         "nebula_msgs/msg/NebulaPackets",
         "ouster_ros/msg/PacketMsg",
         "ouster_sensor_msgs/msg/PacketMsg",
