@@ -132,7 +132,7 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         found = calibrated_rig(sensors)
     except (CalibrationError, RecordingError) as err:
         topics, draft = look(), draft_yaml(sensors, sensors.zones) if sensors else ""
-        return replace(inspection, topics=topics, losses=recording.losses, problem=str(err), draft=draft)
+        return replace(inspection, topics=topics, losses=recording.losses, problem=_said(err, recording), draft=draft)
     motion = find_motion_source(recording, found.rig, found.transforms, config)
     config, used, found = use_settings(choice, recording, found, rig_file, moves=motion is not None)
     source = RunInput(recording, found.rig, config, window=window)
@@ -143,7 +143,7 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
     return replace(
         inspection,
         topics=topics,
-        problem="" if stats.sets or window.stop_ns is not None else no_frames(source, drops),
+        problem="" if stats.sets or window.stop_ns is not None else _said(no_frames(source, drops), recording),
         missing=tuple(missing),
         drops=drops.rows,
         rig=found.rig,
@@ -162,6 +162,11 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         settings=used,
         losses=recording.losses,
     )
+
+
+def _said(problem: object, recording: Recording) -> str:
+    """A problem without the names of the files, which stand beside it."""
+    return str(problem).removeprefix(f"{', '.join(map(str, recording.paths))}: ")
 
 
 def inspection_tree(inspection: Inspection) -> dict[str, Any]:
