@@ -22,7 +22,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.messages.image import decode_any_image
 from lidcam.readers.messages.point_time import TIME_FIELDS
-from lidcam.readers.messages.pointcloud2 import RING_FIELDS
+from lidcam.readers.messages.pointcloud2 import INTENSITY_FIELDS, RING_FIELDS
 from lidcam.readers.messages.registry import decode_as, types_of
 from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.natural_order import natural_key
@@ -57,6 +57,9 @@ SAME_M, NEAR_M = 0.005, 0.5
 
 MIN_SAME, MIN_NEAR = 0.7, 0.8
 """Smallest shares of the points of a cloud that are found in the one that it was made of."""
+
+MIN_SOME = 0.2
+"""Smallest share of the same points in two clouds of one frame that have as many and as good points."""
 
 MAX_THINNED = 0.5
 """Largest share of a sensor's points that is left where a cloud was thinned out."""
@@ -235,8 +238,8 @@ def cloud_sources(
 ) -> dict[str, str]:
     """The topic that each topic of clouds was made of; empty for the rawest of each lidar.
 
-    Rawest are clouds with times and rings of points, in a frame below that of others, at the full rate, with the most
-    points, received first.
+    Rawest are clouds with times, rings and intensities of points, in a frame below that of others, at the full rate,
+    with the most points, received first.
     """
     topics, most = [info.topic for info in infos], max((info.message_count for info in infos), default=0)
     is_rare = {info.topic: info.message_count < most / 2 for info in infos}
@@ -244,11 +247,11 @@ def cloud_sources(
     frames = {topic: first.frame(topic, CLOUD) for topic in topics}
 
     def rawness(topic: str) -> tuple[object, ...]:
-        has_time, has_ring = _measures(topic, first)
+        lacks = tuple(not one for one in _measures(topic, first))
         is_above = any(_is_above(frames[topic], frame, transforms) for frame in frames.values())
         width, height = first.image_size(topic, CLOUD) or (0, 0)
         order = -width * height, contents.delay_ns(topic), natural_key(topic)
-        return not has_time, not has_ring, is_above, is_rare[topic], *order
+        return lacks, is_above, is_rare[topic], *order
 
     def is_made_of(pair: Pair) -> bool:
         is_less = _measures(pair.topic, first) < _measures(pair.sensor, first)
@@ -257,13 +260,12 @@ def cloud_sources(
     return contents.sources(sorted(topics, key=rawness), is_made_of)
 
 
-def _measures(topic: str, first: FirstMessages) -> tuple[bool, bool]:
-    """Whether a topic's points have times, and whether they have rings; packets, and points of a driver, have both."""
-    if first.missing(topic, CLOUD):
-        return False, False
-    content = first.decoded(topic, CLOUD)
+def _measures(topic: str, first: FirstMessages) -> tuple[bool, ...]:
+    """Whether a topic's points have times, rings and intensities; packets, and points of a driver, have all of them."""
+    content = None if first.missing(topic, CLOUD) else first.decoded(topic, CLOUD)
     names = _fields(content)
-    return tuple(not hasattr(content, "fields") or not names.isdisjoint(one) for one in (TIME_FIELDS, RING_FIELDS))  # type: ignore[return-value]  # two of them
+    is_driven = content is not None and not hasattr(content, "fields")
+    return tuple(is_driven or not names.isdisjoint(one) for one in (TIME_FIELDS, RING_FIELDS, INTENSITY_FIELDS))
 
 
 def _is_above(frame: str, other: str, transforms: RecordedTransforms) -> bool:
@@ -272,7 +274,7 @@ def _is_above(frame: str, other: str, transforms: RecordedTransforms) -> bool:
 
 
 def _is_cloud_of(made: PointCloud, cloud: PointCloud, transforms: RecordedTransforms, *, is_less: bool) -> bool:
-    """Whether a cloud was made of that of a sensor at the same stamp; `is_less`: it lacks times or rings of points."""
+    """Whether a cloud was made of that of a sensor at the same stamp; `is_less`: it lacks some of its fields."""
     is_same = made.frame_id == cloud.frame_id != ""
     if len(made) < RUN or len(cloud) < MIN_POINTS:
         return is_same
@@ -282,9 +284,10 @@ def _is_cloud_of(made: PointCloud, cloud: PointCloud, transforms: RecordedTransf
     is_beside = not is_same and is_joined and not _is_above(made.frame_id, cloud.frame_id, transforms)
     if is_beside and not is_less:  # another lidar's
         return False
-    if max(_found(points, cloud.xyz, SAME_M), _found(cloud.xyz, points, SAME_M)) >= MIN_SAME:
+    shared = max(_found(points, cloud.xyz, SAME_M), _found(cloud.xyz, points, SAME_M))
+    if shared >= MIN_SAME:
         return True
-    is_likely = _has_runs_of(made, cloud) or (not is_beside and (is_same or is_less))
+    is_likely = _has_runs_of(made, cloud) or (is_less and not is_beside) or (is_same and shared >= MIN_SOME)
     return is_likely and _found(points, cloud.xyz, NEAR_M) >= MIN_NEAR
 
 
