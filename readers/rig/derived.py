@@ -67,14 +67,14 @@ MAX_THINNED = 0.5
 MIN_POINTS = 50
 """Points of a sensor's cloud below which they say nothing."""
 
-RUN = 8
+RUN = 16
 """Length of the runs of intensities by which copied points are recognised."""
 
 RUN_KEY = np.array([0x9E3779B97F4A7C15 * (2 * place + 1) & 0xFFFFFFFFFFFFFFFF for place in range(RUN)], np.uint64)
 """(RUN,) factors that make one number of a run."""
 
-MIN_RUNS = 0.2
-"""Smallest share of runs that copied points keep: a filter that takes every tenth point leaves a third of them."""
+MIN_RUNS, MIN_RUNS_RATIO = 0.2, 2.0
+"""Smallest share of runs that copied points keep, and its smallest ratio to that which another sweep has by chance."""
 
 PATTERN_PX = 320
 """Width at which the patterns of images are compared."""
@@ -149,9 +149,10 @@ class Pair(NamedTuple):
     """Two topics with messages of one stamp: one that may have been made of the other, a sensor's."""
 
     topic: str
-    sensor: str
+    sensor: str  # Or what was made of a sensor's
     log_ns: int  # When the message of `topic` was recorded
     sensor_log_ns: int  # When that of `sensor` was
+    other_log_ns: int | None  # When another message of `sensor` was
 
 
 class Contents:
@@ -174,20 +175,21 @@ class Contents:
         """Median time between stamp and recording; infinite where that is not known."""
         return self._seen[topic].delay_ns if topic in self._seen else np.inf
 
-    def both(self, pair: Pair) -> tuple[Any, Any]:
+    def decoded(self, pair: Pair) -> tuple[Any, Any]:
         """The decoded messages of a pair.
 
         Raises:
             MessageError: one cannot be decoded.
         """
-        return self._at(pair.topic, pair.log_ns), self._at(pair.sensor, pair.sensor_log_ns)
+        return self.at(pair.topic, pair.log_ns), self.at(pair.sensor, pair.sensor_log_ns)
 
     def sources(self, ordered: Iterable[str], is_made_of: Callable[[Pair], bool]) -> dict[str, str]:
         """The topic that each one was made of, empty for sensors; the rawest come first."""
         sources: dict[str, str] = {}
         for topic in ordered:
-            sensors = [one for one, source in sources.items() if not source]
-            sources[topic] = self._source(topic, sensors, is_made_of)
+            before = sorted(sources, key=lambda one: sources[one] != "")  # sensors first
+            found = self._source(topic, before, is_made_of)
+            sources[topic] = sources.get(found) or found
         return sources
 
     def _source(self, topic: str, sensors: Sequence[str], is_made_of: Callable[[Pair], bool]) -> str:
@@ -198,14 +200,19 @@ class Contents:
         equal = {log_ns for pairs in shared.values() for log_ns, _ in pairs}
         if len(equal) < MIN_EQUAL_SHARE * len(seen.stamps_ns):
             return ""
-        middle = {one: Pair(topic, one, *pairs[len(pairs) // 2]) for one, pairs in shared.items() if pairs}
-        for sensor, pair in middle.items():
+        for sensor, pairs in shared.items():
+            other_ns = pairs[0][1] if len(pairs) > 1 else None
             with suppress(MessageError):  # such messages are dropped, and counted, where they are used
-                if is_made_of(pair):
+                if pairs and is_made_of(Pair(topic, sensor, *pairs[len(pairs) // 2], other_ns)):
                     return sensor
         return ""
 
-    def _at(self, topic: str, log_ns: int) -> Any:
+    def at(self, topic: str, log_ns: int) -> Any:
+        """The decoded message of a topic that was recorded at a time.
+
+        Raises:
+            MessageError: it cannot be decoded.
+        """
         if (topic, log_ns) not in self._decoded:
             messages = self._recording.messages([topic], start_ns=log_ns, stop_ns=log_ns + 1)
             message = next(one for one in messages if one.channel.msgtype in self._kind)
@@ -254,8 +261,15 @@ def cloud_sources(
         return lacks, is_above, is_rare[topic], *order
 
     def is_made_of(pair: Pair) -> bool:
+        def is_copied() -> bool:
+            if pair.other_log_ns is None:
+                return False
+            other: PointCloud = contents.at(pair.sensor, pair.other_log_ns)
+            return _shared_runs(made, cloud) >= max(MIN_RUNS, MIN_RUNS_RATIO * _shared_runs(made, other))
+
+        made, cloud = contents.decoded(pair)
         is_less = _measures(pair.topic, first) < _measures(pair.sensor, first)
-        return _is_cloud_of(*contents.both(pair), transforms, is_less=is_less)
+        return _is_cloud_of(made, cloud, transforms, is_less=is_less, is_copied=is_copied)
 
     return contents.sources(sorted(topics, key=rawness), is_made_of)
 
@@ -273,8 +287,23 @@ def _is_above(frame: str, other: str, transforms: RecordedTransforms) -> bool:
     return frame != other and transforms.are_joined(frame, other) and frame in transforms.fixed.chain(other)
 
 
-def _is_cloud_of(made: PointCloud, cloud: PointCloud, transforms: RecordedTransforms, *, is_less: bool) -> bool:
-    """Whether a cloud was made of that of a sensor at the same stamp; `is_less`: it lacks some of its fields."""
+def _is_cloud_of(
+    made: PointCloud,
+    cloud: PointCloud,
+    transforms: RecordedTransforms,
+    *,
+    is_less: bool,
+    is_copied: Callable[[], bool],
+) -> bool:
+    """Whether a cloud was made of that of a sensor at the same stamp.
+
+    Args:
+        made: The cloud.
+        cloud: That of the sensor.
+        transforms: The recorded transforms.
+        is_less: Whether it lacks some of the sensor's fields.
+        is_copied: Whether runs of its intensities are the sensor's.
+    """
     is_same = made.frame_id == cloud.frame_id != ""
     if len(made) < RUN or len(cloud) < MIN_POINTS:
         return is_same
@@ -287,19 +316,19 @@ def _is_cloud_of(made: PointCloud, cloud: PointCloud, transforms: RecordedTransf
     shared = max(_found(points, cloud.xyz, SAME_M), _found(cloud.xyz, points, SAME_M))
     if shared >= MIN_SAME:
         return True
-    is_likely = _has_runs_of(made, cloud) or (is_less and not is_beside) or (is_same and shared >= MIN_SOME)
+    is_likely = (is_less and not is_beside) or (is_same and shared >= MIN_SOME) or is_copied()
     return is_likely and _found(points, cloud.xyz, NEAR_M) >= MIN_NEAR
 
 
-def _has_runs_of(made: PointCloud, cloud: PointCloud) -> bool:
-    """Whether runs of intensities of a cloud are those of another one: its points were moved or cropped, but copied."""
+def _shared_runs(made: PointCloud, cloud: PointCloud) -> float:
+    """Share of the runs of intensities of a cloud that another one has, too: where points were moved, but copied."""
     runs, of_cloud = (sliding_window_view(one.intensity, RUN) for one in (made, cloud))
     sample = runs[:: max(len(runs) // SAMPLED, 1)]
     sample = sample[(np.diff(np.sort(sample, 1)) > 0).sum(1) >= RUN // 2]  # others are found anywhere
     if len(sample) < MIN_POINTS:
-        return False
+        return 0.0
     keys, known = (one.copy().view(np.uint32).astype(np.uint64) @ RUN_KEY for one in (sample, of_cloud))
-    return float(np.isin(keys, known).mean()) >= MIN_RUNS
+    return float(np.isin(keys, known).mean())
 
 
 def _found(points: F32, others: F32, cell_m: float) -> float:
@@ -349,7 +378,7 @@ def image_sources(
             return False
         if has_info(pair.sensor) and not has_info(pair.topic) and frame == other != "":
             return True
-        made, image = contents.both(pair)
+        made, image = contents.decoded(pair)
         return made.shape == image.shape and float((made * image).sum()) >= MIN_PATTERN
 
     return contents.sources(sorted(ordered, key=rawness), is_made_of)

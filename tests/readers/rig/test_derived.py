@@ -41,11 +41,12 @@ class Sweep(NamedTuple):
 
 
 def sweep(number: int, seed: int = 0, points: int = 6000) -> Sweep:
-    """A street: ground and two walls, sampled anew in every sweep."""
+    """A street: ground and two walls, sampled anew in every sweep, in the order of a turning head."""
     chance = np.random.default_rng((seed, number))
     ground = np.c_[chance.uniform(-15, 15, (points, 2)), np.full(points, -1.7)]
     walls = np.c_[chance.uniform(-15, 15, points), chance.choice([-6, 6], points), chance.uniform(-1.7, 1.3, points)]
-    xyz = chance.permutation(np.concatenate([ground, walls])).astype(np.float32)
+    xyz = np.concatenate([ground, walls]).astype(np.float32)
+    xyz = xyz[np.argsort(-np.arctan2(xyz[:, 1], xyz[:, 0]))]
     n = len(xyz)
     fields: dict[str, Array] = {
         "intensity": chance.uniform(0, 255, n).astype(np.float32),
