@@ -9,7 +9,6 @@ of the camera's, or has no calibration of its own.
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,6 +44,9 @@ LOOK_NS = 1_500_000_000
 
 STAMP_NS = 1_000
 """Largest difference of equal stamps: nodes that keep times as float64 seconds round them."""
+
+MAX_COMPARED = 40
+"""Largest number of topics that are compared with one another; a robot with everything on has twenty."""
 
 MIN_EQUAL_SHARE = 0.8
 """Smallest share of a topic's stamps that the sensor's topic has, too."""
@@ -215,14 +217,16 @@ class Contents:
         """
         if (topic, log_ns) not in self._decoded:
             messages = self._recording.messages([topic], start_ns=log_ns, stop_ns=log_ns + 1)
-            message = next(one for one in messages if one.channel.msgtype in self._kind)
+            message = next((one for one in messages if one.channel.msgtype in self._kind), None)
+            if message is None:  # damage that hides it at the second reading
+                raise MessageError(f"{topic}: its message of log time {log_ns} ns is gone")
             self._decoded[topic, log_ns] = self._decode(message)
         return self._decoded[topic, log_ns]
 
 
 def _seen(recording: Recording, begin_ns: Mapping[str, int]) -> dict[str, Seen]:
     """The messages of topics around the time at which the last of them begins; stamps of zero are none."""
-    if len(begin_ns) < 2:
+    if not 2 <= len(begin_ns) <= MAX_COMPARED:
         return {}
     at_ns = max(begin_ns.values())
     found: dict[str, list[tuple[int, int]]] = {topic: [] for topic in begin_ns}
@@ -250,7 +254,12 @@ def cloud_sources(
     """
     topics, most = [info.topic for info in infos], max((info.message_count for info in infos), default=0)
     is_rare = {info.topic: info.message_count < most / 2 for info in infos}
-    contents = Contents(recording, topics, CLOUD, first, partial(decode_as, "cloud", limits=limits))
+
+    def decode(message: RawMessage) -> PointCloud:
+        cloud: PointCloud = decode_as("cloud", message, limits=limits)
+        return cloud.select((cloud.xyz != 0).any(1))  # beams without a return say nothing
+
+    contents = Contents(recording, topics, CLOUD, first, decode)
     frames = {topic: first.frame(topic, CLOUD) for topic in topics}
 
     def rawness(topic: str) -> tuple[object, ...]:
@@ -334,15 +343,16 @@ def _shared_runs(made: PointCloud, cloud: PointCloud) -> float:
 def _found(points: F32, others: F32, cell_m: float) -> float:
     """Share of points (N, 3) with one of the others (M, 3) in the same cell, or in one beside it."""
     sample = points[:: max(len(points) // SAMPLED, 1)]
-    cells = np.unique(_keys(np.floor(others / cell_m)))
+    cells = np.unique(_keys(others, cell_m))
     beside = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3), -1).reshape(-1, 3)
-    sought = _keys(np.floor(sample / cell_m)[:, None] + beside)
+    sought = _keys(sample[:, None] + cell_m * beside, cell_m)
     return float(np.isin(sought, cells).any(1).mean())
 
 
-def _keys(cells: F32) -> I64:
-    """One number for each cell (..., 3)."""
-    x, y, z = np.moveaxis(np.clip(cells, -(2**19), 2**19).astype(np.int64), -1, 0)
+def _keys(points: F32 | F64, cell_m: float) -> I64:
+    """One number for the cell of each point (..., 3)."""
+    cells = np.clip(np.floor(points.astype(np.float64) / cell_m), -(2**19), 2**19).astype(np.int64)
+    x, y, z = np.moveaxis(cells, -1, 0)
     return np.asarray((x << 42) + (y << 21) + z, np.int64)
 
 
