@@ -17,7 +17,14 @@ from lidcam.readers.rig.detectors import BOXES_3D, boxes_frame, find_detector_to
 from lidcam.readers.rig.extrinsics import rigid_transform
 from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.rig.schema import Edges, RigFile
-from lidcam.readers.rig.sensor_topics import CAMERA_INFO, CLOUD, Findings, find_camera_topics, find_lidar_topics
+from lidcam.readers.rig.sensor_topics import (
+    CAMERA_INFO,
+    CLOUD,
+    OPTICAL,
+    Findings,
+    find_camera_topics,
+    find_lidar_topics,
+)
 from lidcam.readers.rig.topic_names import place
 
 BEYOND_SITE = frozenset({"earth", "utm"})
@@ -202,7 +209,7 @@ def _site_frame(lidar_frames: Sequence[str], camera_frames: set[str], transforms
     roots = [root for _, root in ends]
     cameras = {one: sum(transforms.are_joined(one, frame) for frame in camera_frames) for one in {*roots}}
     root = max(roots, key=lambda one: roots.count(one) + cameras[one])  # the first of equals
-    if root in camera_frames or root.endswith(("optical", "optical_frame")):
+    if root in camera_frames or root.endswith(OPTICAL):
         return next(frame for frame, end in ends if end == root)
     return root
 

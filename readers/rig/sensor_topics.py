@@ -33,6 +33,9 @@ MADE_OF_OTHERS = "/point_cloud_combined", "/ground_cloud"
 
 MADE = "made of the others"
 
+OPTICAL = "optical", "optical_frame"
+"""Ends of the names of frames of cameras (REP 103)."""
+
 MANY = 10
 """Messages of a topic, beside which a single one of another topic is no sensor's."""
 
@@ -242,6 +245,8 @@ def _hand_of_cloud(
         others = [other for topic, other in frames.items() if topic != info.topic]
         if info.message_count == 1 and most >= MANY and not any(transforms.are_joined(frame, one) for one in others):
             return 4, "a single message"
+        if frame.endswith(OPTICAL):
+            return 3, f"in {frame}, the frame of a camera"
         if not first.missing(info.topic, CLOUD) and is_computed(first.decoded(info.topic, CLOUD)):
             return 3, "its fields are computed ones"
         return (2, MADE) if info.topic in MADE_OF_OTHERS else (1, MADE) if info.part_of else (0, "")

@@ -137,6 +137,10 @@ def in_slam_origin(one: Sweep) -> Iterable[RawMessage]:
     yield moved(one, "slam_origin", "tracker")
 
 
+def of_a_stereo_camera(one: Sweep) -> Iterable[RawMessage]:
+    yield cloud("/oak/points", one, one.xyz[::7] + 0.1, "oak_right_camera_optical_frame")
+
+
 def maps(one: Sweep) -> Iterable[RawMessage]:
     if one.number == 3:
         yield cloud("/map", one, one.xyz, "map")
@@ -187,6 +191,7 @@ VELODYNE, LEFT, LINK = (
         (in_its_frame, True, [], []),
         (in_its_frame, False, [], []),
         (in_slam_origin, True, [VELODYNE], []),
+        (of_a_stereo_camera, True, [VELODYNE], []),
         (maps, True, [VELODYNE], []),
         (second_lidar, True, [VELODYNE, LEFT], ["/left/points"]),
         (beside_in_its_frame, True, [VELODYNE, LEFT], ["/left/points"]),
