@@ -45,6 +45,9 @@ LOOK_NS = 1_500_000_000
 STAMP_NS = 1_000
 """Largest difference of equal stamps: nodes that keep times as float64 seconds round them."""
 
+ENOUGH = 6
+"""Number of messages of each topic after which no more are read."""
+
 MAX_COMPARED = 40
 """Largest number of topics that are compared with one another; a robot with everything on has twenty."""
 
@@ -225,14 +228,17 @@ class Contents:
 
 
 def _seen(recording: Recording, begin_ns: Mapping[str, int]) -> dict[str, Seen]:
-    """The messages of topics around the time at which the last of them begins; stamps of zero are none."""
+    """Some messages of topics around the time at which the last of them begins; stamps of zero are none."""
     if not 2 <= len(begin_ns) <= MAX_COMPARED:
         return {}
     at_ns = max(begin_ns.values())
     found: dict[str, list[tuple[int, int]]] = {topic: [] for topic in begin_ns}
     for message in recording.messages(begin_ns, start_ns=at_ns - LOOK_NS, stop_ns=at_ns + LOOK_NS):
+        rows = found[message.topic]
         if message.stamp_ns:
-            found[message.topic].append((message.stamp_ns, message.log_time_ns))
+            rows.append((message.stamp_ns, message.log_time_ns))
+        if len(rows) == ENOUGH and all(len(others) >= ENOUGH for others in found.values()):
+            break
     times = {topic: np.array(sorted(rows), np.int64).reshape(-1, 2) for topic, rows in found.items()}
     return {topic: Seen(rows[:, 0], rows[:, 1]) for topic, rows in times.items()}
 
