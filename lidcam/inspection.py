@@ -2,14 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 from lidcam.checks.calibration.check import check_first_clouds
+from lidcam.checks.clocks import clock_notes, sync_warnings
 from lidcam.checks.files import check_not_empty
 from lidcam.pipeline.core.errors import CalibrationError, RecordingError, short_memory_told
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.text import brief
+from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.readers.location import Location, RemotePath
 from lidcam.readers.open import open_recording
 from lidcam.readers.recording import Loss, ReadOptions, Recording
@@ -23,10 +26,11 @@ from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.readers.streams.survey import TopicSurvey, survey
 from lidcam.run.box_sources import BoxSource, box_source, boxes_2d_words, engine_3d
 from lidcam.run.choice import SettingsChoice, UsedSettings, use_settings, used_record
-from lidcam.run.frames import TimeWindow
+from lidcam.run.frames import RunInput, TimeWindow, missing_from_frames, no_frames, rehearse, sensor_clocks
 from lidcam.run.job import RigSource, read_rig
-from lidcam.run.missing import damage_lines, left_out_lines
-from lidcam.run.summary import loss_records
+from lidcam.run.missing import MissingSensor
+from lidcam.run.summary import DropCount, incomplete_lines, loss_records
+from lidcam.run.tally import DropTable
 from lidcam.run.warning import RunWarning
 
 INSPECTED_NS = 5_000_000_000
@@ -50,8 +54,10 @@ class Inspection:
         draft: Text of a rig file with all sensors, also those without calibration; empty without sensors.
         sensors: Source of the calibration of each sensor.
         faults: Sensors that would be left out, with the reasons.
+        missing: Sensors that would be missing from frames.
+        drops: Messages that synchronisation would drop.
         notes: Remarks on topics and sensors.
-        warnings: Reasons in the first messages to doubt the calibration.
+        warnings: What stamps say of clocks and silence, and reasons in the first messages to doubt the calibration.
         motion_topics: Topics of the motion of the site frame; empty where it stands still.
         box_source: Source of the 2D boxes.
         box_words: The same in words, and what to type where cameras lack a network.
@@ -71,6 +77,8 @@ class Inspection:
     draft: str = ""
     sensors: tuple[SensorSource, ...] = ()
     faults: tuple[SensorFault, ...] = ()
+    missing: tuple[MissingSensor, ...] = ()
+    drops: tuple[DropCount, ...] = ()
     notes: tuple[str, ...] = ()
     warnings: tuple[RunWarning, ...] = ()
     motion_topics: tuple[str, ...] = ()
@@ -83,8 +91,8 @@ class Inspection:
 
     @property
     def incomplete(self) -> tuple[str, ...]:
-        """Parts that lidcam could not use, one short line each: sensors left out, messages lost to damage."""
-        return (*left_out_lines(self.faults), *damage_lines(self.losses))
+        """Parts that lidcam could not use, one short line each, as a run would say."""
+        return tuple(incomplete_lines(self.faults, self.missing, self.drops, self.losses))
 
 
 def inspect_recording(inputs: Sequence[Location], choice: SettingsChoice, rig: RigSource | None = None) -> Inspection:
@@ -113,27 +121,40 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         start_ns=recording.start_ns,
         end_ns=recording.end_ns,
         messages=recording.message_count,
-        topics=survey(recording, stop_ns=window.stop_ns, limits=config.limits),
-        losses=recording.losses,
+        topics=(),
+        losses=(),
         stop_ns=window.stop_ns,
     )
+    look = partial(survey, recording, stop_ns=window.stop_ns, limits=config.limits)
     sensors: FoundSensors | None = None
     try:
         sensors = find_sensors(recording, config, rig_file, start_ns=window.start_ns, stop_ns=window.stop_ns)
         found = calibrated_rig(sensors)
     except (CalibrationError, RecordingError) as err:
-        draft = draft_yaml(sensors, sensors.zones) if sensors else ""
-        return replace(inspection, losses=recording.losses, problem=str(err), draft=draft)
+        topics, draft = look(), draft_yaml(sensors, sensors.zones) if sensors else ""
+        return replace(inspection, topics=topics, losses=recording.losses, problem=_said(err, recording), draft=draft)
     motion = find_motion_source(recording, found.rig, found.transforms, config)
     config, used, found = use_settings(choice, recording, found, rig_file, moves=motion is not None)
+    source = RunInput(recording, found.rig, config, window=window)
+    drops, stats = DropTable("skip"), SyncStats()
+    clocks = sensor_clocks(found.rig, drops)
+    topics = look(watch=partial(rehearse, source, drops, stats, clocks))
+    missing = missing_from_frames(source, stats)
     return replace(
         inspection,
+        topics=topics,
+        problem="" if stats.sets or window.stop_ns is not None else _said(no_frames(source, drops), recording),
+        missing=tuple(missing),
+        drops=drops.rows,
         rig=found.rig,
         draft=draft_yaml(sensors, found.rig.zones),
         sensors=found.sources,
         faults=found.faults,
-        notes=found.notes,
-        warnings=_warnings(recording, found.rig, config, window),
+        notes=(*found.notes, *clock_notes(clocks, found.rig.sensor_of_topic)),
+        warnings=(
+            *sync_warnings(clocks, stats, missing, drops.rows, source),
+            *_warnings(recording, found.rig, config, window),
+        ),
         motion_topics=motion.topics if motion else (),
         box_source=box_source(config, found.rig),
         box_words=boxes_2d_words(config, found.rig),
@@ -141,6 +162,11 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         settings=used,
         losses=recording.losses,
     )
+
+
+def _said(problem: object, recording: Recording) -> str:
+    """A problem without the names of the files, which stand beside it."""
+    return str(problem).removeprefix(f"{', '.join(map(str, recording.paths))}: ")
 
 
 def inspection_tree(inspection: Inspection) -> dict[str, Any]:

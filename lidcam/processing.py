@@ -14,7 +14,7 @@ from pathlib import Path
 
 from lidcam.checks.calibration.check import CalibrationCheck
 from lidcam.checks.class_numbers import class_number_warnings
-from lidcam.checks.clocks import clock_notes, clocks_off, jump_warnings, late_warnings
+from lidcam.checks.clocks import clock_notes, sync_warnings
 from lidcam.checks.doubted import DoubtedCheck
 from lidcam.checks.files import FileCheck, check_not_empty
 from lidcam.checks.lidars import LidarCheck
@@ -46,14 +46,14 @@ from lidcam.run.frames import (
     RunInput,
     bundles,
     expected_frames,
+    missing_from_frames,
     no_frames,
     reference_topic,
     sensor_clocks,
-    synchronized_topics,
     time_window,
 )
 from lidcam.run.job import Job
-from lidcam.run.missing import MissingSensor, absence_warnings, missing_sensors, silence_warnings
+from lidcam.run.missing import MissingSensor
 from lidcam.run.summary import (
     InputSummary,
     RunSummary,
@@ -183,7 +183,13 @@ class Run:
             FileCheck(source.recording.paths),
             LidarCheck(source.rig),
             CalibrationCheck(source.rig, source.config),
-            ObjectCheck(source.recording, source.rig, source.config, source.settings, moves=source.motion is not None),
+            ObjectCheck(
+                source.recording,
+                source.rig,
+                source.config,
+                source.settings,
+                moves=source.motion is not None or source.settings.moves,
+            ),
             DoubtedCheck(source.config, has_2d_boxes=box_source(source.config, source.rig) != "none"),
         )
         self._make_graph = partial(build_graph, source.config, source.rig, known, on_bad=drops.on_bad)
@@ -272,8 +278,7 @@ class Run:
         source, found, tally, drops = self.source, self.found, self._tally, self._drops.rows
         motion_topics = source.motion.topics if source.motion else ()
         used = {*tally.messages, *(drop.topic for drop in drops), *motion_topics, *source.copied}
-        absences = self._stats.attendance.absences(synchronized_topics(source.config, source.rig))
-        missing = missing_sensors(absences, source.rig, of_frames=self._stats.sets, start_ns=source.recording.start_ns)
+        missing = missing_from_frames(source, self._stats)
         return RunSummary(
             inputs=InputSummary(
                 files=tuple(inputs),
@@ -311,15 +316,8 @@ class Run:
         )
 
     def _warnings(self, missing: Sequence[MissingSensor]) -> Iterator[RunWarning]:
-        rig, clocks, tally = self.source.rig, self._clocks, self._tally
-        yield from jump_warnings(clocks.jumps, start_ns=self.source.recording.start_ns)
-        yield from silence_warnings(missing)
-        drops = {(drop.topic, drop.reason): drop.count for drop in self._drops.rows}
-        yield from (
-            clocks_off(clocks.delays_ns, missing, rig)
-            or late_warnings(drops, self._stats.received, rig)
-            or absence_warnings(missing)
-        )
+        tally = self._tally
+        yield from sync_warnings(self._clocks, self._stats, missing, self._drops.rows, self.source)
         yield from class_number_warnings(tally.unused_boxes, self.source.config, tally.unused_boxes3d)
         for check in self._checks:
             yield from check.warnings

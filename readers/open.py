@@ -37,6 +37,19 @@ MCAP_MAGIC = b"\x89MCAP0\r\n"
 SQLITE_MAGIC = b"SQLite format 3\0"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
+OTHER_KINDS = {
+    b"version https://git-lfs": "a Git LFS pointer in place of the file; fetch it with `git lfs pull`",
+    b"\x1f\x8b": "a file compressed with gzip; unpack it with `gunzip --keep`",
+    b"BZh": "a file compressed with bzip2; unpack it with `bunzip2 --keep`",
+    b"\xfd7zXZ\0": "a file compressed with xz; unpack it with `unxz --keep`",
+    b"PK\3\4": "a zip archive; unpack it with `unzip`",
+    b"RRF": "a Rerun recording, which is for viewing; process the recording that it was made of",
+}
+"""Files that are taken for recordings, by their first bytes, and what to do."""
+
+OSF_MARK = b"OSF#"
+"""Name of Ouster's format, behind two numbers."""
+
 MAX_OVERLAP_NS = 500_000_000
 """Longest time over which two parts of one recording overlap: messages on their way come with the next part."""
 
@@ -281,6 +294,8 @@ def _check_is_mcap(path: RemotePath, stream: BinaryIO) -> None:
     """Refuse the other formats on a server: their indexes cannot be fetched at once."""
     magic = _first_bytes(stream)
     if not magic.startswith(MCAP_MAGIC):
+        if other := _other_kind(magic):
+            raise RecordingError(f"{path}: expected an .mcap file, found {other}")
         kinds = {ROSBAG1_MAGIC: "a ROS 1 bag", SQLITE_MAGIC: "an SQLite database", ZSTD_MAGIC: "a compressed file"}
         kind = next((kind for start, kind in kinds.items() if magic.startswith(start)), "another kind of file")
         raise RecordingError(
@@ -319,11 +334,23 @@ def _first_bytes(stream: BinaryIO) -> bytes:
     return magic
 
 
+def _other_kind(magic: bytes) -> str:
+    """What a file is that is taken for a recording, and what to do; empty if its first bytes do not say."""
+    if magic[8:12] == OSF_MARK:
+        return (
+            "an Ouster recording (OSF); save it as a .pcap with `ouster-cli`, play that with ouster-ros, and record "
+            "the clouds"
+        )
+    return next((words for start, words in OTHER_KINDS.items() if magic.startswith(start)), "")
+
+
 def _describe(magic: bytes, path: Path) -> str:
     """A guess at a file that is not a recording, and what to do."""
     if not magic:
         kind = "a compressed file with nothing in it" if path.suffix == ".zstd" else "an empty file"
         return f"{kind}; record or copy it again"
+    if other := _other_kind(magic):
+        return other
     if magic.startswith(b"#ROSBAG V"):
         version = magic[9:].split(b"\n")[0].decode(errors="replace")
         return f"a ROS 1 bag of format {version}; convert it with `rosbag fix`"

@@ -1,11 +1,14 @@
 """Notes and warnings about the clocks of sensors and recorder: they jump, are off, or are not read at all."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.stages.sync.clocks import Clocks, TimeJump
 from lidcam.pipeline.stages.sync.policy import DropReason
-from lidcam.run.missing import MissingSensor, never_used, with_camera
+from lidcam.pipeline.stages.sync.synchronize import SyncStats
+from lidcam.run.frames import RunInput
+from lidcam.run.missing import MissingSensor, absence_warnings, never_used, silence_warnings, with_camera
+from lidcam.run.summary import DropCount, dropped_by_topic
 from lidcam.run.warning import RunWarning
 
 MAX_JUMPS_NAMED = 5
@@ -19,6 +22,20 @@ MAX_AHEAD_NS, MAX_BEHIND_NS = 1_000_000_000, 10_000_000_000
 
 MIN_LATE_SHARE = 0.1
 """Minimum share of late messages of a sensor that is named; single ones are late at start-up or on a busy recorder."""
+
+
+def sync_warnings(
+    clocks: Clocks, stats: SyncStats, missing: Sequence[MissingSensor], drops: Sequence[DropCount], source: RunInput
+) -> Iterator[RunWarning]:
+    """What the stamps of the sensors say, in a run as in an inspection: jumps, silence, and why sensors are missing."""
+    yield from jump_warnings(clocks.jumps, start_ns=source.recording.start_ns)
+    yield from silence_warnings(missing)
+    counts = {(drop.topic, drop.reason): drop.count for drop in drops}
+    yield from (
+        clocks_off(clocks.delays_ns, missing, source.rig)
+        or late_warnings(counts, stats.received, source.rig)
+        or absence_warnings(missing, dropped_by_topic(drops))
+    )
 
 
 def jump_warnings(jumps: Sequence[TimeJump], *, start_ns: int) -> list[RunWarning]:

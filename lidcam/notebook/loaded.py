@@ -92,7 +92,7 @@ def _objects(index: int, messages: Mapping[str, RawMessage], result: Result) -> 
     if TRACKS_TOPIC in messages:
         tracks = decode_tracks(messages[TRACKS_TOPIC], limits=config.limits).tracks
         at, rows = np.nonzero(numbers[:, None] == tracks.ids)
-        of_tracks = (*tracks.velocities.T, tracks.yaw_rates, tracks.existence, tracks.ages_s)
+        of_tracks = (*tracks.motions.T, tracks.existence, tracks.ages_s)
         for column, values in zip(motion.values(), of_tracks, strict=True):
             column[at] = values[rows]
         fronts_known[at] = tracks.fronts_known[rows]

@@ -15,7 +15,7 @@ from lidcam.readers.rig.discovery import Discovery
 from lidcam.readers.rig.schema import RigFile
 from lidcam.readers.rig.search import zones_of
 from lidcam.run.box_sources import with_network_2d
-from lidcam.run.scene import SceneSize, judge, measure_scene, scene_text
+from lidcam.run.scene import SceneSize, clouds_show_motion, judge, measure_scene, scene_text
 
 DEFAULTS = "defaults"
 GIVEN = "as given"
@@ -44,7 +44,7 @@ class UsedSettings:
         name: A preset, a file, `defaults` or `as given`.
         how: `given`; `judged` from the recording; `not judged`, because its first clouds have no points.
         size: The size of the scene, if it was judged.
-        moves: Whether the recording has odometry or tf of the site frame.
+        moves: Whether the recording has odometry or tf of the site frame, or its clouds show that it moves.
     """
 
     name: str
@@ -101,7 +101,7 @@ def use_settings(
         recording: The recording.
         found: Its sensors.
         rig_file: Its zones override those of the settings.
-        moves: Whether the site frame is known to move.
+        moves: Whether the site frame is known to move; else the clouds of a model site or a mast are looked at.
     """
     config, used = choice.config, UsedSettings(choice.name, "given")
     if choice.by_preset:
@@ -110,6 +110,8 @@ def use_settings(
             used = UsedSettings(choice.name, "not judged")
         else:
             preset = judge(size, moves=moves)
+            if preset != "road" and clouds_show_motion(recording, found.rig, choice.config):
+                moves, preset = True, judge(size, moves=True)
             config, used = choice.by_preset[preset], UsedSettings(preset, "judged", size, moves)
     config = with_network_2d(config, recording, found.rig)
     return config, used, replace(found, rig=replace(found.rig, zones=zones_of(rig_file, config)))

@@ -75,7 +75,7 @@ def _looked_at(source: RunInput, known: KnownBoxes, workers: int) -> Iterator[Fr
     source = replace(source, config=config, copied=(), drawn=())
     drops = DropTable("skip")
     make_graph = partial(build_graph, config, source.rig, known, on_bad=drops.on_bad)
-    stages, tracker = make_graph(), object_tracker(decided(config, source.rig), source.rig)
+    stages, tracker = make_graph(), object_tracker(decided(config, source.rig), source.rig, all_speeds=True)
     if tracker is None:
         raise AssertionError("online tracks have a tracker")
     expected = round(min(expected_frames(source) * MAX_SHARE, MAX_STRETCHES * STRETCH_FRAMES))

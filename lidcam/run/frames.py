@@ -2,7 +2,8 @@
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -20,6 +21,7 @@ from lidcam.readers.streams.motion import MotionBuffer, MotionSource
 from lidcam.readers.video.streams import VideoStreams, video_topics
 from lidcam.run.box_sources import box_source
 from lidcam.run.choice import AS_GIVEN, UsedSettings
+from lidcam.run.missing import MissingSensor, missing_sensors
 from lidcam.run.tally import DropTable
 
 NOT_EVERY = "of a frame that sync.every leaves out"
@@ -81,7 +83,7 @@ def sensor_clocks(rig: Rig, drops: DropTable) -> Clocks:
     sensors += [(topic, camera) for camera in rig.cameras for topic in (camera.topic, camera.boxes_topic)]
     offsets_ns = {detector.topic: 0 for detector in rig.detectors}
     offsets_ns |= {topic: sensor.time_offset_ns for topic, sensor in sensors}
-    return Clocks(offsets_ns, on_drop=drops.count_defect, on_bad=drops.count_bad)
+    return Clocks(offsets_ns, on_drop=drops.count_defect, on_bad=drops.count_bad, on_start=drops.count_drop)
 
 
 def bundles(source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks) -> Iterator[SensorBundle]:
@@ -117,16 +119,7 @@ def _bundles(
     motion = MotionBuffer(source.motion, limits=config.limits, on_drop=drops.count_bad)
     topics = synchronized_topics(config, source.rig)
     video = VideoStreams(video_topics(recording, topics), limits=config.limits)
-    synchronized = partial(
-        synchronize,
-        topics=topics,
-        config=config.sync,
-        reference=reference_topic(config, source.rig),
-        required=required_topics(config, source.rig),
-        on_drop=drops.count_drop,
-        stats=stats,
-        max_waiting_bytes=config.limits.max_waiting_bytes,
-    )
+    synchronized = _synchronizer(source, drops, stats)
     if window.start_ns is not None:
         motion.read_ahead(recording, window.start_ns)
         video.look_back(recording, window.start_ns)
@@ -137,6 +130,38 @@ def _bundles(
         found = video.without_blanks(found, on_drop=drops.count_drop, on_bad=drops.count_bad)
         yield from found if source.motion is None else _with_motion(found, motion)
         motion = MotionBuffer(source.motion, limits=config.limits, on_drop=drops.count_bad)
+
+
+def _synchronizer(
+    source: RunInput, drops: DropTable, stats: SyncStats
+) -> Callable[[Iterable[RawMessage]], Iterator[SensorBundle]]:
+    config, rig = source.config, source.rig
+    return partial(
+        synchronize,
+        topics=synchronized_topics(config, rig),
+        config=config.sync,
+        reference=reference_topic(config, rig),
+        required=required_topics(config, rig),
+        on_drop=drops.count_drop,
+        stats=stats,
+        max_waiting_bytes=config.limits.max_waiting_bytes,
+    )
+
+
+def rehearse(
+    source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks, messages: Iterable[RawMessage]
+) -> None:
+    """Synchronise messages as a run does, by their stamps alone: nothing is decoded."""
+    topics, synchronized = {*synchronized_topics(source.config, source.rig)}, _synchronizer(source, drops, stats)
+    stamped = (message._replace(data=b"") for message in messages if message.topic in topics)
+    for part in clocks.parts(stamped):
+        deque(synchronized(part), maxlen=0)
+
+
+def missing_from_frames(source: RunInput, stats: SyncStats) -> list[MissingSensor]:
+    """Sensors that are missing from frames."""
+    absences = stats.attendance.absences(synchronized_topics(source.config, source.rig))
+    return missing_sensors(absences, source.rig, of_frames=stats.sets, start_ns=source.recording.start_ns)
 
 
 def _every(

@@ -1,8 +1,9 @@
 """Data missing from a result: sensors that were silent or are in no frame, and the lines of exit code 3."""
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from lidcam.pipeline.core.rig import BOXES_SUFFIX, Rig
 from lidcam.pipeline.stages.sync.attendance import Absence
@@ -13,8 +14,8 @@ from lidcam.run.warning import RunWarning
 MAX_SPANS_NAMED = 3
 """Maximum number of spans of silence named per sensor."""
 
-MIN_FRAMES = 10
-"""Fewest frames of a run in which a sensor of a lower rate is not missing by chance."""
+MIN_FRAMES, MIN_MESSAGES = 10, 3
+"""Fewest frames of a run, or dropped messages of a sensor, where a sensor is not missing by chance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,22 +109,34 @@ def _silence_warning(finding: str, sensors: Sequence[MissingSensor]) -> RunWarni
     return RunWarning(names, f"{finding} them", "check what they share: power, network, driver, or the recorder")
 
 
-def absent_sensors(missing: Sequence[MissingSensor]) -> list[MissingSensor]:
-    """Sensors that sent messages but are in no frame of several; a camera's boxes are listed only without it."""
+def absent_sensors(
+    missing: Sequence[MissingSensor], dropped: Mapping[str, int] = MappingProxyType({})
+) -> list[MissingSensor]:
+    """Sensors that sent messages but are in no frame of several; a camera's boxes are listed only without it.
+
+    `dropped` is the number of dropped messages by topic: those of a short recording count, too.
+    """
     absent = never_used(missing)
     names = {sensor.sensor for sensor in absent}
-    return [sensor for sensor in absent if sensor.of_frames >= MIN_FRAMES and not with_camera(sensor.sensor, names)]
+    return [
+        sensor
+        for sensor in absent
+        if (sensor.of_frames >= MIN_FRAMES or dropped.get(sensor.topic, 0) >= MIN_MESSAGES)
+        and not with_camera(sensor.sensor, names)
+    ]
 
 
-def absence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
-    """One warning for each sensor that sent messages but is in no frame."""
+def absence_warnings(
+    missing: Sequence[MissingSensor], dropped: Mapping[str, int] = MappingProxyType({})
+) -> list[RunWarning]:
+    """One warning for each sensor that sent messages but is in no frame; `dropped` as of `absent_sensors`."""
     return [
         RunWarning(
             sensor.sensor,
             f"is in none of the {sensor.of_frames} frames, though it was recorded",
             "compare its stamps with those of the others, and see sync.slop_s and sync.max_interval_s",
         )
-        for sensor in absent_sensors(missing)
+        for sensor in absent_sensors(missing, dropped)
     ]
 
 
@@ -142,9 +155,10 @@ def left_out_lines(faults: Sequence[SensorFault]) -> list[str]:
     return [f"{fault.subject} is left out" for fault in faults]
 
 
-def absent_lines(missing: Sequence[MissingSensor]) -> list[str]:
-    """One line for each sensor that was recorded and is in no frame."""
-    return [f"{sensor.sensor} is in none of the {sensor.of_frames} frames" for sensor in absent_sensors(missing)]
+def absent_lines(missing: Sequence[MissingSensor], dropped: Mapping[str, int] = MappingProxyType({})) -> list[str]:
+    """One line for each sensor that was recorded and is in no frame; `dropped` as of `absent_sensors`."""
+    absent = absent_sensors(missing, dropped)
+    return [f"{sensor.sensor} is in none of the {sensor.of_frames} frames" for sensor in absent]
 
 
 def changed_lines(paths: Iterable[str]) -> list[str]:

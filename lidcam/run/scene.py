@@ -1,16 +1,18 @@
 """The size of the scene of a recording, measured in the first clouds of its lidars, and the preset that suits it."""
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.combine import GroundConfig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.filters.ground import find_ground
+from lidcam.pipeline.stages.odometry import FindOdometry
 from lidcam.readers.recording import Recording
 from lidcam.readers.streams.decoders import CloudDecoder
 
@@ -41,7 +43,13 @@ MODEL_EXTENT_M = 12.0
 """Largest length of the clouds of a model site, metres; in a street even a low lidar sees further."""
 
 MAST_LIDAR_M = 3.0
-"""Smallest height of lidars on masts, metres; most vehicles are lower."""
+"""Smallest height of lidars on masts, metres; of the vehicles only trucks are higher, which move."""
+
+LOOKS = (0.0, 1 / 3, 2 / 3)
+"""Times at which the clouds are looked at for motion, as shares of the recording: a truck may wait at its beginning."""
+
+LOOK_CLOUDS, LOOK_STEP_NS = 5, 150_000_000
+"""Number of these clouds, and the least time between two of them, nanoseconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +73,35 @@ def measure_scene(recording: Recording, rig: Rig, config: Config) -> SceneSize |
     width_m, length_m = sorted((high - low).tolist())
     heights_m = _heights_m(xyz_site, rig, layer_m=LAYER_SHARE * float(np.hypot(width_m, length_m)))
     return SceneSize((length_m, width_m), None if heights_m is None else float(np.median(heights_m)))
+
+
+def clouds_show_motion(recording: Recording, rig: Rig, config: Config) -> bool:
+    """Whether the clouds of the first lidar show that the rig moves, at the beginning or later."""
+    if not rig.lidars:
+        return False
+    span_ns = max(recording.end_ns - recording.start_ns, 0)
+    begins_ns = sorted({recording.start_ns + round(share * span_ns) for share in LOOKS})
+    return any(_moves(recording, rig, config, begin_ns) for begin_ns in begins_ns)
+
+
+def _moves(recording: Recording, rig: Rig, config: Config, begin_ns: int) -> bool:
+    """Whether some clouds after a log time show that the rig moves."""
+    lidar, odometry = rig.lidars[0], FindOdometry()
+    decode, last_ns, count, moved = CloudDecoder(rig, config, on_bad="skip"), -LOOK_STEP_NS, 0, 0
+    for message in recording.messages([lidar.topic], start_ns=begin_ns, stop_ns=begin_ns + MAX_WAIT_NS):
+        if message.log_time_ns - last_ns < LOOK_STEP_NS:
+            continue
+        bundle = SensorBundle(0, message.stamp_ns, message.log_time_ns, {message.topic: message})
+        for cloud in decode(bundle).values():
+            site = replace(cloud, xyz=lidar.T_site_lidar.apply(cloud.xyz))
+            none = site.select(np.zeros(len(site), np.bool_))
+            combined = CombinedCloud(site, none, np.zeros(0, np.uint8), none, None, {})
+            moved = moved + 1 if odometry(combined, message.log_time_ns) else 0
+            count += 1
+        last_ns = message.log_time_ns
+        if moved == 2 or count == LOOK_CLOUDS:
+            break
+    return moved == 2
 
 
 def judge(size: SceneSize, *, moves: bool) -> str:

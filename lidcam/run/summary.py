@@ -1,6 +1,7 @@
 """The summary of a run, in groups."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -221,14 +222,32 @@ class RunSummary:
         Sensors that were left out or are in no frame, faulty messages, messages lost to damage, files that changed
         while they were read. Drops of synchronisation and pauses of a sensor are not among them.
         """
-        defects = (drop for drop in self.drops.messages if drop.is_defect)
+        sensors, inputs = self.sensors, self.inputs
         return (
-            *left_out_lines(self.sensors.faults),
-            *absent_lines(self.sensors.missing),
-            *(f"{drop.topic}: {drop.amount} dropped: {drop.reason}" for drop in defects),
-            *damage_lines(self.inputs.losses),
-            *changed_lines(self.inputs.changed),
+            *incomplete_lines(sensors.faults, sensors.missing, self.drops.messages, inputs.losses),
+            *changed_lines(inputs.changed),
         )
+
+
+def incomplete_lines(
+    faults: Sequence[SensorFault],
+    missing: Sequence[MissingSensor],
+    drops: Sequence[DropCount],
+    losses: Sequence[Loss],
+) -> Iterator[str]:
+    """The lines of a verdict on a run or an inspection: sensors left out or in no frame, faulty and lost messages."""
+    yield from left_out_lines(faults)
+    yield from absent_lines(missing, dropped_by_topic(drops))
+    yield from (f"{drop.topic}: {drop.amount} dropped: {drop.reason}" for drop in drops if drop.is_defect)
+    yield from damage_lines(losses)
+
+
+def dropped_by_topic(drops: Sequence[DropCount]) -> Counter[str]:
+    """Number of dropped messages by topic."""
+    counts = Counter[str]()
+    for drop in drops:
+        counts[drop.topic] += drop.count if drop.unit == "messages" else 0
+    return counts
 
 
 def loss_records(losses: Sequence[Loss]) -> list[dict[str, Any]]:
@@ -280,12 +299,17 @@ def summary_tree(run: RunSummary) -> dict[str, Any]:
     }
 
 
+def _known(row: dict[str, Any]) -> dict[str, Any]:
+    """A row of a table for JSON, which has null where a number is not known."""
+    return {name: None if value != value else value for name, value in row.items()}
+
+
 def _road_users_tree(users: RoadUsers | None) -> dict[str, Any] | None:
-    """`counts` by class and zone (null: all of the site), `changes` from zone to zone."""
+    """`counts` by class and zone (null: all of the site), `changes` from zone to zone; speeds may be null."""
     if users is None:
         return None
-    counts = [asdict(one) | {"zone": one.zone or None} for one in users.counts]
-    changes = [asdict(one) for one in users.changes]
+    counts = [_known(asdict(one)) | {"zone": one.zone or None} for one in users.counts]
+    changes = [_known(asdict(one)) for one in users.changes]
     return {
         name: [{"class": row.pop("class_name"), **row} for row in rows]
         for name, rows in (("counts", counts), ("changes", changes))

@@ -1,6 +1,6 @@
 """Tracks of the objects of one frame: identity, motion and existence."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -10,6 +10,9 @@ from lidcam.pipeline.core.text import brief
 
 NO_TRACK = 0
 """Track number of an object that belongs to no track; `Tracks.none` makes zeros."""
+
+UNKNOWN_VARIANCE = 1e6
+"""Variances, (m/s)^2 and (rad/s)^2, of a motion that is not known: its numbers are zero and say nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,9 +33,27 @@ class Tracks(CheckedTable):
     __repr__ = brief
 
     @property
+    def motions(self) -> F64:
+        """(N, 3) velocities and yaw rates; NaN where they are not known."""
+        motions = np.column_stack([self.velocities, self.yaw_rates])
+        motions[self.velocity_covariances[:, 0, 0] >= UNKNOWN_VARIANCE] = np.nan
+        return motions
+
+    @property
     def speeds(self) -> F64:
-        """(N,) over the ground, m/s."""
-        return np.hypot(self.velocities[:, 0], self.velocities[:, 1])
+        """(N,) over the ground, m/s; NaN where they are not known."""
+        velocities = self.motions[:, :2]
+        return np.hypot(velocities[:, 0], velocities[:, 1])
+
+    def without_motion(self, rows: Bools) -> Self:
+        """The same tracks, the motion of those where the mask is true not known."""
+        return replace(
+            self,
+            velocities=np.where(rows[:, None], 0.0, self.velocities),
+            velocity_covariances=np.where(rows[:, None, None], UNKNOWN_VARIANCE * np.eye(2), self.velocity_covariances),
+            yaw_rates=np.where(rows, 0.0, self.yaw_rates),
+            yaw_rate_variances=np.where(rows, UNKNOWN_VARIANCE, self.yaw_rate_variances),
+        )
 
     @classmethod
     def none(cls, count: int) -> Self:

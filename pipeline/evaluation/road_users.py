@@ -21,8 +21,9 @@ class RoadUserCount:
     class_name: str  # Their class
     zone: str  # The zone, `outside` of all zones, or empty: the site
     count: int  # Number of road users that were there for a frame or more
-    speed_mean_m_s: float  # Mean over the road users of the mean speed of each while it was there
-    speed_max_m_s: float  # The highest speed of one of them in one frame
+    # Mean over the road users of the mean speed of each while it was there; NaN where the speed of none is known
+    speed_mean_m_s: float
+    speed_max_m_s: float  # The highest speed of one of them in one frame; NaN likewise
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +34,7 @@ class ZoneChange:
     from_zone: str  # The first zone in which each was
     to_zone: str  # The last
     count: int  # Number of road users
-    speed_mean_m_s: float  # Mean over them of the mean speed of each in all frames
+    speed_mean_m_s: float  # Mean over them of the mean speed of each in all frames; NaN where none is known
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +56,8 @@ class RoadUserTable:
     places: tuple[str, ...]
     frames: I32  # (N, P) int32, frames in which each was in each place
     seconds: F64  # (N, P) float64, how long
-    speed_means: F64  # (N,) float64, mean speed of each over all its frames, m/s
-    speed_maxima: F64  # (N,) float64, highest speed of each in one frame, m/s
+    speed_means: F64  # (N,) float64, mean speed of each over all its frames, m/s; NaN where it is not known
+    speed_maxima: F64  # (N,) float64, highest speed of each in one frame, m/s; NaN likewise
     first_zones: I32  # (N,) int32, column of the first zone in which each was; 0: it was in none
     last_zones: I32  # (N,) int32, column of the last
 
@@ -79,6 +80,7 @@ class RoadUserTally:
         columns: list[Any] = [
             ("class_frames", np.int32, per_class),
             ("frames", np.int32, per_place),
+            ("speed_frames", np.int32, per_place),  # in which the speed is known
             ("speed_sums", np.float64, per_place),
             ("speed_max", np.float64, per_place),
             ("seconds", np.float64, per_place),
@@ -105,7 +107,7 @@ class RoadUserTally:
             class_ids: (N,) row of the configured classes; one beyond them is of no class.
             centers: (N, 3) metres, in the site frame.
             numbers: (N,) of the tracks, from 1; less: the object belongs to none.
-            speeds: (N,) over the ground, m/s.
+            speeds: (N,) over the ground, m/s; NaN where it is not known.
         """
         self._is_tracked = True
         users = ((numbers > NO_TRACK) & (class_ids < len(self._class_names))).nonzero()[0]
@@ -115,8 +117,9 @@ class RoadUserTally:
         found, speeds, places = self._tracks, speeds[users], 1 + self._rig.place_rows(centers[users])
         found["class_frames"][rows, class_ids[users]] += 1
         found["frames"][rows, places] += 1
-        found["speed_sums"][rows, places] += speeds
-        found["speed_max"][rows, places] = np.maximum(found["speed_max"][rows, places], speeds)
+        found["speed_frames"][rows, places] += np.isfinite(speeds)
+        found["speed_sums"][rows, places] += np.nan_to_num(speeds)
+        found["speed_max"][rows, places] = np.fmax(found["speed_max"][rows, places], speeds)
         first, last = found["first_zone"][rows], found["last_zone"][rows]
         found["first_zone"][rows] = np.where(first == 0, places, first)
         found["last_zone"][rows] = np.where(places == 0, last, places)
@@ -140,7 +143,7 @@ class RoadUserTally:
             known["frames"],
             known["seconds"],
             _mean_speeds(known, [*range(len(self._places))]),
-            known["speed_max"].max(1),
+            _max_speeds(known, [*range(len(self._places))]),
             known["first_zone"],
             known["last_zone"],
         )
@@ -165,18 +168,31 @@ class RoadUserTally:
             frames = found["frames"][:, rows].sum(1)
             here = frames > 0
             if here.any():
-                means, highest = _mean_speeds(found[here], rows), found["speed_max"][here][:, rows].max()
-                yield RoadUserCount(class_name, zone, int(here.sum()), float(means.mean()), float(highest))
+                means, maxima = _mean_speeds(found[here], rows), _max_speeds(found[here], rows)
+                yield RoadUserCount(class_name, zone, int(here.sum()), _mean(means), float(np.fmax.reduce(maxima)))
 
     def _changes(self, class_name: str, found: Array) -> Iterator[ZoneChange]:
         ways = np.stack([found["first_zone"], found["last_zone"]], 1)
         for way in np.unique(ways[ways[:, 0] != ways[:, 1]], axis=0):
             means = _mean_speeds(found[(ways == way).all(1)], [*range(len(self._places))])
             first, last = (self._places[row] for row in way.tolist())
-            yield ZoneChange(class_name, first, last, len(means), float(means.mean()))
+            yield ZoneChange(class_name, first, last, len(means), _mean(means))
 
 
 def _mean_speeds(found: Array, places: list[int]) -> F64:
-    """(N,) the mean speed of each track in these places, where each was for a frame or more."""
-    means: F64 = found["speed_sums"][:, places].sum(1) / found["frames"][:, places].sum(1)
+    """(N,) the mean speed of each track in these places; NaN where it is not known."""
+    counts = found["speed_frames"][:, places].sum(1)
+    means: F64 = np.where(counts > 0, found["speed_sums"][:, places].sum(1) / np.maximum(counts, 1), np.nan)
     return means
+
+
+def _max_speeds(found: Array, places: list[int]) -> F64:
+    """(N,) the highest speed of each track in these places; NaN where it is not known."""
+    known = found["speed_frames"][:, places].any(1)
+    return np.where(known, found["speed_max"][:, places].max(1), np.nan)
+
+
+def _mean(speeds: F64) -> float:
+    """The mean of those that are known; NaN where none is."""
+    known = speeds[~np.isnan(speeds)]
+    return float(known.mean()) if len(known) else float("nan")

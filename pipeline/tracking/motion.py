@@ -72,6 +72,11 @@ class Priors(Table):
             are_solid=~walks & (heights < 2 * widths),
         )
 
+    @property
+    def max_speeds(self) -> F64:
+        """(C,) speed that nothing of the class reaches, m/s."""
+        return np.where(self.show_axis, 20.0, 7.0) * self.scales_m
+
     def rear_m(self, lengths_m: F64) -> F64:
         """(N,) distances of the rear axles behind the centres, for objects of the classes of these rows."""
         return np.where(self.show_axis, REAR_SHARE * lengths_m, 0.0)

@@ -19,7 +19,7 @@ from lidcam.pipeline.tracking.estimates import Estimates, History, estimated, re
 from lidcam.pipeline.tracking.joining import joined_in_place, joined_over_gaps
 from lidcam.pipeline.tracking.motion import HEADING, SPEED, Priors
 from lidcam.pipeline.tracking.online import OnlineTracker
-from lidcam.pipeline.tracking.sightings import NOT_SEEN, FrameSightings, Scene, TrackRows
+from lidcam.pipeline.tracking.sightings import MIN_MEASUREMENTS, NOT_SEEN, FrameSightings, Scene, TrackRows
 
 EXTRA_OVERLAP_S = 2.0
 """Extra window overlap beyond `max_gap_s`, seconds."""
@@ -88,7 +88,7 @@ class OfflineTracker:
         new = kept & (history.ids == 0)
         history.ids[new] = np.arange(self._next_id, self._next_id + new.sum())
         self._next_id += int(new.sum())
-        rows = _rows(scene, estimates, history, probability(existence), kept)
+        rows = _rows(scene, estimates, history, self._priors, probability(existence), kept)
         self._carry(scene, estimates, history, kept, until)
         return rows[first:until]
 
@@ -215,7 +215,9 @@ def _relabelled(scene: Scene, estimates: Estimates, merged: I64) -> I64:
     return out
 
 
-def _rows(scene: Scene, estimates: Estimates, history: History, existence: F64, kept: Bools) -> list[TrackRows]:
+def _rows(
+    scene: Scene, estimates: Estimates, history: History, priors: Priors, existence: F64, kept: Bools
+) -> list[TrackRows]:
     """The rows of each frame."""
     courses = estimates.courses
     tracks, frames = courses.cell_tracks, courses.cell_frames
@@ -226,6 +228,9 @@ def _rows(scene: Scene, estimates: Estimates, history: History, existence: F64, 
     states[:, HEADING] = wrap_angle(states[:, HEADING])
     first_ns = np.where(history.firsts_ns >= 0, history.firsts_ns, scene.stamps_ns[courses.firsts])
     sightings = estimates.sightings[cells]
+    counts = np.bincount(courses.cell_tracks, estimates.are_seen, len(estimates))
+    is_measured = (counts >= MIN_MEASUREMENTS) | (history.firsts_ns >= 0)  # those were seen in earlier windows, too
+    is_possible = np.abs(states[:, SPEED]) <= priors.max_speeds[estimates.class_ids[tracks]]
     rows = TrackRows(
         ids=history.ids[tracks],
         states=states,
@@ -236,6 +241,7 @@ def _rows(scene: Scene, estimates: Estimates, history: History, existence: F64, 
         existence=existence[tracks],
         ages_s=(scene.stamps_ns[frames] - first_ns[tracks]) / 1e9,
         fronts_known=estimates.fronts_known[tracks],
+        speeds_known=is_measured[tracks] & is_possible,
         seen=np.where(sightings >= 0, sightings - scene.starts[frames], NOT_SEEN),
     )
     bounds = np.searchsorted(frames, np.arange(len(scene.stamps_s) + 1))

@@ -32,6 +32,7 @@ from lidcam.pipeline.tracking.motion import (
 )
 from lidcam.pipeline.tracking.sightings import (
     MIN_FRONT_TRAVEL,
+    MIN_MEASUREMENTS,
     NOT_SEEN,
     SHARED_ERROR,
     FrameSightings,
@@ -349,6 +350,8 @@ class OnlineTracker:
             existence=probability(live.log_odds),
             ages_s=self._now_s - live.born_s,
             fronts_known=live.fronts_known,
+            speeds_known=(live.hits >= MIN_MEASUREMENTS)
+            & (np.abs(live.states[:, SPEED]) <= self._priors.max_speeds[live.class_ids]),
             seen=seen,
         )
         max_coasting_s = np.where(live.hits >= MIN_HITS, MAX_COASTING_S + 1e-6, 0.0)

@@ -18,6 +18,9 @@ NOT_SEEN = -1
 SHARED_ERROR = 0.5
 """Share of the variance of a measurement that all measurements of a track have in common."""
 
+MIN_MEASUREMENTS = 3
+"""Fewest sightings of a track whose speed is known: of two, one box that is completed otherwise is a motion."""
+
 MIN_FRONT_TRAVEL = 0.75
 """Minimum travel, in motion scales, before it defines the front; boxes of few points wander by half a length."""
 
@@ -120,6 +123,7 @@ class TrackRows(Table):
     existence: F64  # (N,) float64
     ages_s: F64  # (N,) float64
     fronts_known: Bools  # (N,) bool
+    speeds_known: Bools  # (N,) bool, whether there are measurements enough, and the class can be so fast
     seen: I64  # (N,) int64, row of the frame's `Sightings`, or `NOT_SEEN`
 
     @classmethod
@@ -127,7 +131,7 @@ class TrackRows(Table):
         """No track."""
         zeros, numbers, no = np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.bool_)
         states, covariances = np.zeros((0, 5)), np.zeros((0, 5, 5))
-        return cls(numbers, states, covariances, zeros, np.zeros((0, 3)), numbers, zeros, zeros, no, numbers)
+        return cls(numbers, states, covariances, zeros, np.zeros((0, 3)), numbers, zeros, zeros, no, no, numbers)
 
     @property
     def are_seen(self) -> Bools:

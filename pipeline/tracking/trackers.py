@@ -52,8 +52,15 @@ class ObjectTracker:
     """Replaces the objects of frames, which come in order, by those of their tracks."""
 
     def __init__(
-        self, tracker: OnlineTracker | OfflineTracker, sightings_of: SightingsOf, zones: Sequence[Zone]
+        self,
+        tracker: OnlineTracker | OfflineTracker,
+        sightings_of: SightingsOf,
+        zones: Sequence[Zone],
+        *,
+        all_speeds: bool = False,
     ) -> None:
+        """With `all_speeds` the speeds of tracks with too few measurements are taken as known, too."""
+        self._all_speeds = all_speeds
         self._tracker, self._sightings_of, self._zones = tracker, sightings_of, zones
         self._confirmations = Confirmations()
         self._waiting: deque[tuple[Fused, FrameSightings, dict[str, I64]]] = deque()
@@ -78,16 +85,19 @@ class ObjectTracker:
         for rows in frames:
             fused, seen, matched_rows = self._waiting.popleft()
             tracked = with_tracks(fused, seen, rows, self._zones)
+            if tracked.tracks is not None and not self._all_speeds:
+                unknown = np.isin(tracked.tracks.ids, rows.ids[~rows.speeds_known])
+                tracked = replace(tracked, tracks=tracked.tracks.without_motion(unknown))
             out.append(self._confirmations.confirm(tracked, seen.stamp_ns, matched_rows))
         return out
 
 
-def object_tracker(config: Config, rig: Rig) -> ObjectTracker | None:
-    """The configured tracker; None without tracking."""
+def object_tracker(config: Config, rig: Rig, *, all_speeds: bool = False) -> ObjectTracker | None:
+    """The configured tracker; None without tracking. `all_speeds`: see `ObjectTracker`."""
     if config.track.mode == "none":
         return None
     make = OnlineTracker if config.track.mode == "online" else partial(OfflineTracker, window_s=config.track.window_s)
     priors = Priors.of_classes(config.classes)
     tracker = make(priors, min_existence=config.fuse.min_score, max_gap_s=config.track.max_gap_s)
     sightings_of = SightingsOf(rig, len(config.classes), lidars_show_front=config.detect3d.engine != "cluster")
-    return ObjectTracker(tracker, sightings_of, rig.zones)
+    return ObjectTracker(tracker, sightings_of, rig.zones, all_speeds=all_speeds)

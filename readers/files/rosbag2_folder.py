@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -15,6 +16,12 @@ from lidcam.readers.natural_order import natural_key
 METADATA = "metadata.yaml"
 STORAGE_SUFFIXES = (".db3", ".mcap")
 MAX_LISTED = 10
+
+KITTI_RAW, KITTI_OTHERS = {"velodyne_points", "image_02", "image_03"}, {"velodyne", "image_2", "image_3", "label_2"}
+"""Folders of KITTI's raw data, and of its odometry and objects."""
+
+MAX_LOOKED_AT = 1000
+"""Largest number of names on each level of a folder by which its kind is told."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +71,19 @@ def recording_files(folder: Path) -> tuple[Path, ...]:
         )
     if not found:
         bags = sum(file.suffix == ".bag" for file in folder.iterdir())
-        hint = f"found {bags} ROS 1 .bag file(s): name them one by one" if bags else "found none of these"
+        hint = f"found {bags} ROS 1 .bag file(s): name them one by one" if bags else _hint(folder)
         raise RecordingError(f"{folder}: expected a ROS 2 bag folder ({METADATA}, .db3 or .mcap files), {hint}")
     return tuple(found)
+
+
+def _hint(folder: Path) -> str:
+    """What a folder without recordings is, and what to do."""
+    names = {one.name for level in ("*", "*/*") for one in islice(folder.glob(level), MAX_LOOKED_AT)}
+    if names & KITTI_RAW:
+        return "found a drive of KITTI's raw data: `kitti2mcap` (pip install kitti2mcap) makes an .mcap of it"
+    if names & KITTI_OTHERS:
+        return "found frames of KITTI: write them to a recording first; `kitti2mcap` does that for its raw drives"
+    return "found none of these"
 
 
 def folder_metadata(folder: Path) -> FolderMetadata:

@@ -4,6 +4,10 @@ Sources: the comments of sensor_msgs/CameraInfo.msg and REP 104; image_geometry'
 interest and binning. K and D describe a raw image. P = K' [I | t] describes a rectified one (`image_rect`,
 `image_rect_color`), in a frame rotated by R: x_rectified = R x_camera. The last column of P is not used: it is the
 baseline of a stereo pair, which the extrinsics already contain.
+
+Converters of data sets write rectified images under a raw topic's name, with the K and D of the camera that they were
+rectified from (kitti2bag: of 1392 x 512 pixels, for images of 1242 x 375), or with no K at all. Then P alone is the
+calibration of the images.
 """
 
 from collections.abc import Iterator
@@ -26,9 +30,16 @@ DISTORTION_MODELS: dict[str, DistortionModel] = {
     "rational_polynomial": "rational_polynomial",
     "equidistant": "equidistant",
     "kannala_brandt": "equidistant",
+    "kannala_brandt4": "equidistant",
     "fisheye": "equidistant",
 }
 """Model by its name in recordings."""
+
+MAX_OFF_CENTER = 0.05
+"""Largest distance of a principal point from the middle of the image, as a share of its size, that raises no doubt."""
+
+MIN_NEARER = 0.02
+"""Smallest difference of two such distances that tells which matrix is the image's."""
 
 
 def distortion_model(name: str, coefficients: npt.ArrayLike) -> tuple[DistortionModel, F64]:
@@ -75,8 +86,32 @@ def camera_model(info: Any, *, frame_id: str = "") -> CameraModel:
 
 
 @_other_fields_told()
-def rectified_camera_model(info: Any, *, frame_id: str = "") -> tuple[CameraModel, Transform]:
+def rectified_reason(info: Any) -> str:
+    """Why P without distortion is the calibration of images that are not called rectified; empty if it is not.
+
+    Raises:
+        CalibrationError: a field is missing.
+    """
+    K, P = _field(info, "k").reshape(3, 3), _field(info, "p").reshape(3, 4)
+    if P[0, 0] <= 0:
+        return ""
+    if K[0, 0] == 0:
+        return "its K is 0"
+    size = np.array([int(info.width), int(info.height)], np.float64)
+    off = [float(np.abs((one[:2, 2] + 0.5) / size - 0.5).max()) for one in (K, P) if (size > 0).all()]
+    if off and off[0] > MAX_OFF_CENTER >= off[1] and off[0] - off[1] > MIN_NEARER:
+        return f"its K is of an image of another size, with its centre at ({K[0, 2]:.0f}, {K[1, 2]:.0f})"
+    return ""
+
+
+@_other_fields_told()
+def rectified_camera_model(info: Any, *, frame_id: str = "", is_turned: bool = True) -> tuple[CameraModel, Transform]:
     """Intrinsics of the rectified image, and the rotation of its frame.
+
+    Args:
+        info: The decoded message.
+        frame_id: Frame of the camera; empty: as the message says.
+        is_turned: Whether the frame is that of the raw image; otherwise it is the rectified one, and R is not used.
 
     Returns:
         The model (K = P[:, :3], no distortion) and T_rectified_camera. The rectified frame is `<frame>_rectified`, or
@@ -88,7 +123,7 @@ def rectified_camera_model(info: Any, *, frame_id: str = "") -> tuple[CameraMode
     K = _field(info, "p").reshape(3, 4)[:, :3].copy()
     if K[0, 0] == 0:
         raise CalibrationError("CameraInfo.P[0] is 0, but its images are rectified; give its calibration in a rig file")
-    rotation = _field(info, "r").reshape(3, 3)
+    rotation = _field(info, "r").reshape(3, 3) if is_turned else np.eye(3)
     if fault := rotation_fault(rotation):
         raise CalibrationError(f"CameraInfo.R is not a rotation: {fault}")
     frame = frame_id or clean_frame(info.header.frame_id)

@@ -56,16 +56,28 @@ def decode_pointcloud2(message: RawMessage, *, limits: RecordingLimits = DEFAULT
     """
     cloud = deserialize_as(message, "sensor_msgs/msg/PointCloud2", limits=limits)
     height, width = int(cloud.height), int(cloud.width)
-    if height * width > limits.max_points:
+    check_points(f"{height} x {width}", height * width, message.topic, limits, others)
+    return cloud_of_columns(message, clean_frame(cloud.header.frame_id), _columns(cloud, height, width, message.topic))
+
+
+def check_points(shape: str, count: int, topic: str, limits: RecordingLimits, others: int) -> None:
+    """Check the number of points of a cloud beside the `others` of its frame.
+
+    Raises:
+        MessageError: there are more than `limits` allow.
+    """
+    if count > limits.max_points:
+        raise MessageError(f"{topic}: {shape} points, expected at most {limits.max_points}: raise limit_scale")
+    if others + count > limits.max_frame_points:
         raise MessageError(
-            f"{message.topic}: {height} x {width} points, expected at most {limits.max_points}: raise limit_scale"
-        )
-    if others + height * width > limits.max_frame_points:
-        raise MessageError(
-            f"{message.topic}: {height} x {width} points, and {others} in other clouds of the frame, expected at most "
+            f"{topic}: {shape} points, and {others} in other clouds of the frame, expected at most "
             f"{limits.max_frame_points} in all: raise limit_scale"
         )
-    columns = _columns(cloud, height, width, message.topic)
+
+
+def cloud_of_columns(message: RawMessage, frame_id: str, columns: dict[str, Array]) -> PointCloud:
+    """The cloud of a message from columns (height, width) by name in lower case; other names are ignored."""
+    count = columns["x"].size
     xyz, keep = _finite_points([columns.pop(axis) for axis in "xyz"])
     fields = {name: column.reshape(-1)[keep] for name, column in columns.items()}
     intensity = next((fields[name] for name in INTENSITY_FIELDS if name in fields), None)
@@ -74,13 +86,13 @@ def decode_pointcloud2(message: RawMessage, *, limits: RecordingLimits = DEFAULT
     n = len(xyz)
     return PointCloud(
         stamp_ns=message.stamp_ns,
-        frame_id=clean_frame(cloud.header.frame_id),
+        frame_id=frame_id,
         xyz=xyz,
         intensity=np.zeros(n, np.float32) if intensity is None else _as_intensity(intensity),
         ring=np.zeros(n, np.uint16) if ring is None else _as_uint16(ring),
         time_offset_ns=np.zeros(n, np.int32) if time_offset_ns is None else time_offset_ns,
         has_time=time_offset_ns is not None,
-        nan_dropped=height * width - n,
+        nan_dropped=count - n,
     )
 
 

@@ -24,6 +24,9 @@ class MessageType(NamedTuple):
 TYPES: dict[str, MessageType] = {
     "sensor_msgs/msg/PointCloud2": MessageType("cloud", "lidcam.readers.messages.pointcloud2:decode_pointcloud2"),
     "velodyne_msgs/msg/VelodyneScan": MessageType("cloud", "lidcam.readers.velodyne.scan"),
+    "livox_interfaces/msg/CustomMsg": MessageType("cloud", "lidcam.readers.messages.livox:decode_livox"),
+    "livox_ros_driver/msg/CustomMsg": MessageType("cloud", "lidcam.readers.messages.livox:decode_livox"),
+    "livox_ros_driver2/msg/CustomMsg": MessageType("cloud", "lidcam.readers.messages.livox:decode_livox"),
     "sensor_msgs/msg/Image": MessageType("image", "lidcam.readers.messages.image:decode_image"),
     "sensor_msgs/msg/CompressedImage": MessageType("image", "lidcam.readers.messages.image:decode_compressed_image"),
     "foxglove_msgs/msg/CompressedVideo": MessageType("image", "lidcam.readers.video.packets"),

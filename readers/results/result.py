@@ -187,7 +187,8 @@ class Result(Closing):
         n = len(source)
         velocities, yaw_rates = np.full((n, 2), np.nan), np.full(n, np.nan)
         is_predicted = np.zeros(n, np.bool_)
-        velocities[at], yaw_rates[at] = found.tracks.velocities[rows], found.tracks.yaw_rates[rows]
+        motions = found.tracks.motions[rows]
+        velocities[at], yaw_rates[at] = motions[:, :2], motions[:, 2]
         is_predicted[at] = found.is_predicted[rows]
         return replace(source, motion=Motion(velocities, yaw_rates, is_predicted))
 

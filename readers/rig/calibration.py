@@ -10,7 +10,12 @@ from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.errors import CalibrationError, FrameError
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor
-from lidcam.readers.messages.camera_info import camera_model, distortion_model, rectified_camera_model
+from lidcam.readers.messages.camera_info import (
+    camera_model,
+    distortion_model,
+    rectified_camera_model,
+    rectified_reason,
+)
 from lidcam.readers.messages.tf import RecordedTransforms, clean_frame
 from lidcam.readers.rig.assignment import AssignedCamera, AssignedLidar
 from lidcam.readers.rig.extrinsics import decompose_projection, rigid_transform
@@ -21,6 +26,12 @@ from lidcam.readers.rig.topic_names import is_rectified, transport_free
 
 OWN_SITE = "its frame is the site frame"
 """Source of the pose of a sensor in the site frame."""
+
+RIG_FILE = "rig file"
+"""Source of what the rig file gives."""
+
+MAX_OFF_CENTER = 0.25
+"""Largest distance of a principal point from the middle of the image, as a share of its size."""
 
 PARTS = {
     **dict.fromkeys(("T_site_lidar", "T_camera_site", "T_site_camera", *POSE), ("extrinsics",)),
@@ -112,8 +123,12 @@ def calibrate_lidar(
     )
 
 
-def calibrate_camera(camera: AssignedCamera, frames: Frames, first: FirstMessages) -> tuple[CameraSensor, SensorSource]:
+def calibrate_camera(
+    camera: AssignedCamera, frames: Frames, first: FirstMessages
+) -> tuple[CameraSensor, SensorSource, str]:
     """A camera with intrinsics of the rig file, else of CameraInfo, and extrinsics of the rig file, else of tf.
+
+    The third item is a remark on its intrinsics; it may be empty.
 
     Raises:
         CalibrationError: one of them is missing or not valid.
@@ -130,6 +145,7 @@ def calibrate_camera(camera: AssignedCamera, frames: Frames, first: FirstMessage
     return (
         CameraSensor(camera.name, topics.image, topics.boxes, lens.model, pose, entry.time_offset_ns),
         SensorSource(camera.name, topics.topic, lens.model.frame_id, lens.source, extrinsics, entry.time_offset_ms),
+        lens.remark,
     )
 
 
@@ -159,6 +175,7 @@ class Lens(NamedTuple):
     model: CameraModel
     T_model_camera: Transform
     source: str
+    remark: str = ""  # What CameraInfo says otherwise
 
 
 def camera_frame(camera: AssignedCamera, first: FirstMessages) -> str:
@@ -188,18 +205,39 @@ def camera_intrinsics(camera: AssignedCamera, first: FirstMessages) -> Lens:
     entry, topics, frame = camera.entry, camera.topics, camera_frame(camera, first)
     if entry.P is not None or entry.K is not None:
         frame = frame or f"{transport_free(topics.topic).strip('/').replace('/', '_')}_optical"
-        lens = Lens(_model_of_entry(entry, topics, frame, first), Transform.identity(frame, frame), "rig file")
+        lens = Lens(_model_of_entry(entry, topics, frame, first), Transform.identity(frame, frame), RIG_FILE)
     else:
-        model, T_model_camera = _model_of_info(entry, topics, frame, first)
-        source = f"{topics.info} ({model.model if model.distortion.any() else 'no distortion'})"
-        lens = Lens(model, T_model_camera, source)
+        lens = _lens_of_info(entry, topics, frame, first)
     size = first.image_size(topics.image, IMAGE) if topics.image else None
-    if size is not None and size != (lens.model.width_px, lens.model.height_px):
+    if size is None or size == (lens.model.width_px, lens.model.height_px):
+        return lens
+    scaled = None if lens.source == RIG_FILE else _scaled(lens.model, *size)
+    if scaled is None:
         raise CalibrationError(
             f"its images are {size[0]} x {size[1]} px, but the calibration ({lens.source}) is for "
             f"{lens.model.width_px} x {lens.model.height_px} px"
         )
-    return lens
+    said = (
+        f"{topics.info} is for {lens.model.width_px} x {lens.model.height_px} px, its images are {size[0]} x {size[1]}"
+    )
+    remarks = [lens.remark, f"{said}: the calibration is scaled"]
+    return lens._replace(model=scaled, source=f"{lens.source}, scaled", remark="; ".join(filter(None, remarks)))
+
+
+def _scaled(model: CameraModel, width_px: int, height_px: int) -> CameraModel | None:
+    """The model for images scaled to a size by one factor, to a pixel.
+
+    None if the size has another shape, or if the principal point says that the calibration's own size is wrong.
+    """
+    factor = width_px / model.width_px
+    center = (model.K[:2, 2] + 0.5) / [model.width_px, model.height_px]
+    if abs(height_px - factor * model.height_px) > 1 or np.abs(center - 0.5).max() > MAX_OFF_CENTER:
+        return None
+    scale = np.array([factor, height_px / model.height_px])
+    K = model.K.copy()
+    K[:2] *= scale[:, None]
+    K[:2, 2] += (scale - 1) / 2  # principal points count from the centre of the first pixel
+    return CameraModel(model.frame_id, width_px, height_px, K, model.model, model.distortion)
 
 
 def camera_extrinsics(camera: AssignedCamera, frame: str, frames: Frames) -> tuple[Transform, str]:
@@ -227,7 +265,7 @@ def camera_extrinsics(camera: AssignedCamera, frame: str, frames: Frames) -> tup
 
 
 def _rig_source(entry: LidarEntry | CameraEntry) -> str:
-    return f"rig file, by {entry.parent}" if entry.parent else "rig file"
+    return f"{RIG_FILE}, by {entry.parent}" if entry.parent else RIG_FILE
 
 
 def _model_of_entry(entry: CameraEntry, topics: CameraTopics, frame: str, first: FirstMessages) -> CameraModel:
@@ -242,14 +280,17 @@ def _model_of_entry(entry: CameraEntry, topics: CameraTopics, frame: str, first:
     return CameraModel(frame, width, height, K, model, coefficients)
 
 
-def _model_of_info(
-    entry: CameraEntry, topics: CameraTopics, frame: str, first: FirstMessages
-) -> tuple[CameraModel, Transform]:
+def _lens_of_info(entry: CameraEntry, topics: CameraTopics, frame: str, first: FirstMessages) -> Lens:
     if not topics.info:
         raise CalibrationError("the recording has no CameraInfo of it: give K and its pose in a rig file (--rig)")
     info = first.decoded(topics.info, CAMERA_INFO)
+    source, remark = topics.info, ""
     if is_rectified(topics.image):
         model, T_model_camera = rectified_camera_model(info, frame_id=frame)
+    elif reason := rectified_reason(info):
+        model, T_model_camera = rectified_camera_model(info, frame_id=frame, is_turned=False)
+        source = f"P of {topics.info}"
+        remark = f"{source} is used, without distortion: {reason}"
     else:
         model, T_model_camera = camera_model(info, frame_id=frame), Transform.identity(frame, frame)
     if (entry.width_px or model.width_px, entry.height_px or model.height_px) != (model.width_px, model.height_px):
@@ -257,4 +298,5 @@ def _model_of_info(
             f"the rig file says images of {entry.width_px} x {entry.height_px} px, {topics.info} says "
             f"{model.width_px} x {model.height_px} px"
         )
-    return model, T_model_camera
+    words = model.model if model.distortion.any() else "no distortion"
+    return Lens(model, T_model_camera, f"{source} ({words})", remark)

@@ -63,7 +63,8 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
                 lidar_sensors[sensor.name] = lidar
                 frames.sensors[sensor.name] = lidar.T_site_lidar
             else:
-                camera, source = calibrate_camera(sensor, frames, found.first)
+                camera, source, remark = calibrate_camera(sensor, frames, found.first)
+                of_cameras.notes.extend([f"{sensor.name}: {remark}"] if remark else [])
                 camera_sensors[sensor.name] = camera
                 frames.sensors[sensor.name] = camera.T_camera_site.inverse()
         except LidcamError as err:

@@ -1,6 +1,7 @@
 """The first message of each topic that can be decoded, which has the sensor's frame and the size of its images."""
 
 from collections.abc import Collection
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from lidcam.pipeline.core.errors import MessageError
@@ -10,6 +11,7 @@ from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.messages.image import COMPRESSED_IMAGE
 from lidcam.readers.messages.image_header import image_size
+from lidcam.readers.messages.livox import CUSTOM, parse_livox
 from lidcam.readers.messages.tf import clean_frame
 from lidcam.readers.recording import Recording
 from lidcam.readers.velodyne.decoder import VelodyneDecoders
@@ -27,6 +29,7 @@ class _First(NamedTuple):
     content: Any
     frame_id: str
     size_px: tuple[int, int] | None
+    log_time_ns: int
 
 
 class FirstMessages:
@@ -64,12 +67,17 @@ class FirstMessages:
         found = self._first(topic, msgtypes)
         return "" if isinstance(found, MessageError) else found.frame_id
 
+    def log_time_ns(self, topic: str, msgtypes: Collection[str]) -> int | None:
+        """When the first message that can be decoded was recorded; None if none can."""
+        found = self._first(topic, msgtypes)
+        return None if isinstance(found, MessageError) else found.log_time_ns
+
     def image_size(self, topic: str, msgtypes: Collection[str]) -> tuple[int, int] | None:
         """(width, height) of the topic's first image or cloud, in pixels or points; None if unknown."""
         found = self._first(topic, msgtypes)
         if isinstance(found, MessageError):
             return None
-        if found.content.__msgtype__ in VIDEO and found.size_px is None:
+        if getattr(found.content, "__msgtype__", "") in VIDEO and found.size_px is None:
             size = first_image_size(self._recording.messages([topic]), limits=self._limits)
             self._found[topic, min(msgtypes)] = found._replace(size_px=size)
             return size
@@ -105,6 +113,10 @@ class FirstMessages:
 @decoder
 def _first_of(message: RawMessage, limits: RecordingLimits) -> _First:
     """A message without its largest field: a rig may have hundreds of topics with large messages."""
+    if message.channel.msgtype in CUSTOM:  # points of which each would be an object
+        livox = parse_livox(message)
+        none = replace(livox, points=livox.points[:0])
+        return _First(none, livox.frame_id, (len(livox.points), 1), message.log_time_ns)
     content = deserialize(message, limits=limits)
     size = (int(content.width), int(content.height)) if hasattr(content, "width") else None
     if message.channel.msgtype in VIDEO:
@@ -113,4 +125,5 @@ def _first_of(message: RawMessage, limits: RecordingLimits) -> _First:
         size = image_size(content.data.tobytes())
     if hasattr(content, "data"):
         object.__setattr__(content, "data", ())
-    return _First(content, clean_frame(getattr(content, "header", content).frame_id), size)
+    frame = clean_frame(getattr(content, "header", content).frame_id)
+    return _First(content, frame, size, message.log_time_ns)

@@ -17,7 +17,14 @@ from lidcam.readers.rig.detectors import BOXES_3D, boxes_frame, find_detector_to
 from lidcam.readers.rig.extrinsics import rigid_transform
 from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.rig.schema import Edges, RigFile
-from lidcam.readers.rig.sensor_topics import CAMERA_INFO, CLOUD, Findings, find_camera_topics, find_lidar_topics
+from lidcam.readers.rig.sensor_topics import (
+    CAMERA_INFO,
+    CLOUD,
+    OPTICAL,
+    Findings,
+    find_camera_topics,
+    find_lidar_topics,
+)
 from lidcam.readers.rig.topic_names import place
 
 BEYOND_SITE = frozenset({"earth", "utm"})
@@ -25,8 +32,6 @@ BEYOND_SITE = frozenset({"earth", "utm"})
 
 RAW_LIDAR = frozenset(
     {
-        "livox_ros_driver/msg/CustomMsg",
-        "livox_ros_driver2/msg/CustomMsg",
         "nebula_msgs/msg/NebulaPackets",
         "ouster_ros/msg/PacketMsg",
         "ouster_sensor_msgs/msg/PacketMsg",
@@ -72,9 +77,9 @@ def find_sensors(
     """The sensors of a recording.
 
     The site frame is the configured one, else the rig file's, else `base_link` if lidars are fixed to it, else the end
-    of the chain of fixed transforms that most lidars (the first of equals) hang on. A camera's optical frame cannot be
-    the site frame (z is not up); then it is the lidar's own. A lidar whose messages name no frame has the one that tf
-    knows by its name or a part of its topic, else one of its own; several such lidars need poses.
+    of the chain of fixed transforms that most lidars and cameras (the first of equals) hang on. A camera's optical
+    frame cannot be the site frame (z is not up); then it is the lidar's own. A lidar whose messages name no frame has
+    the one that tf knows by its name or a part of its topic, else one of its own; several such lidars need poses.
 
     Args:
         recording: Open recording; tf_static and the beginning of the other topics are read.
@@ -93,7 +98,7 @@ def find_sensors(
     transforms, of_rig = _with_rig(recorded, rig_file)
     of_lidars, of_cameras, of_detectors = Findings(), Findings(), Findings()
     detectors = find_detector_topics(recording, config, first, of_detectors)
-    lidar_topics = find_lidar_topics(recording, config.topics, first, of_lidars)
+    lidar_topics = find_lidar_topics(recording, config.topics, first, of_lidars, transforms, limits=config.limits)
     lidars = assign_lidars(rig_file.lidars, lidar_topics, recording, of_lidars)
     if not lidars and not detectors and rig_file.lidars == {}:
         raise CalibrationError("the rig file says `lidars: {}`, no lidar: name one, or leave `lidars` out to use all")
@@ -101,7 +106,7 @@ def find_sensors(
         raise CalibrationError("the settings say `topics.lidars: []`, no lidar: name one, or leave it out to use all")
     if not lidars and not detectors and not of_lidars.faults:
         raise RecordingError(_no_clouds(recording, config, of_detectors))
-    camera_topics = find_camera_topics(recording, config.topics, first, of_cameras)
+    camera_topics = find_camera_topics(recording, config.topics, first, of_cameras, limits=config.limits)
     taken = {lidar.name for lidar in lidars} | {"lidar", "fused"}
     cameras = assign_cameras(rig_file.cameras, camera_topics, recording, of_cameras, taken=taken)
 
@@ -202,8 +207,9 @@ def _site_frame(lidar_frames: Sequence[str], camera_frames: set[str], transforms
     if not ends:
         return lidar_frames[0] if lidar_frames else ""
     roots = [root for _, root in ends]
-    root = max(roots, key=roots.count)  # the first of equals
-    if root in camera_frames or root.endswith(("optical", "optical_frame")):
+    cameras = {one: sum(transforms.are_joined(one, frame) for frame in camera_frames) for one in {*roots}}
+    root = max(roots, key=lambda one: roots.count(one) + cameras[one])  # the first of equals
+    if root in camera_frames or root.endswith(OPTICAL):
         return next(frame for frame, end in ends if end == root)
     return root
 

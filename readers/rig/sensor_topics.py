@@ -1,22 +1,26 @@
 """Topics of the lidars and cameras of a recording, and the calibration and boxes of each camera.
 
 A topic is used if it has messages, the settings do not exclude it, and its name does not say ground truth, depth or
-mask. Topics made of other topics (combined messages, combined clouds) are used only where those were not recorded.
-Images of one camera that were recorded several times (raw and compressed, raw and rectified) count once. CameraInfo
+mask. Topics made of other topics (combined messages, combined clouds, maps, what nodes made of a sensor's: see
+`derived`) are used only where those were not recorded. Images of one camera that were recorded several times (raw and
+compressed, raw and rectified) count once. CameraInfo
 and recorded boxes go to the camera of the same place (see `topic_names`), else to the one whose messages name the same
 frame; among several by frame, then by the longest common beginning, then in order of name; a single one goes to a
 single camera.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
-from lidcam.pipeline.core.settings.recording import TopicsConfig
+from lidcam.pipeline.core.geometry.transform_tree import TransformTree
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits, TopicsConfig
 from lidcam.readers.messages.registry import types_of
+from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.natural_order import natural_key
 from lidcam.readers.recording import Recording, TopicInfo
+from lidcam.readers.rig.derived import cloud_sources, image_sources, is_computed, is_world_frame
 from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.rig.topic_names import is_measured_image, is_truth, pair_score, place, transport_free
 from lidcam.readers.velodyne.scan import SCAN
@@ -26,6 +30,14 @@ CLOUD, IMAGE = types_of("cloud"), types_of("image")
 CAMERA_INFO, BOXES = types_of("camera info"), types_of("2D boxes")
 MADE_OF_OTHERS = "/point_cloud_combined", "/ground_cloud"
 """Topics made of others, which are used only if no other topic of their kind was recorded."""
+
+MADE = "made of the others"
+
+OPTICAL = "optical", "optical_frame"
+"""Ends of the names of frames of cameras (REP 103)."""
+
+MANY = 10
+"""Messages of a topic, beside which a single one of another topic is no sensor's."""
 
 DEPTH_ENCODINGS = frozenset({"16UC1", "32FC1", "32SC1"})
 
@@ -79,32 +91,49 @@ def readable_topics(recording: Recording, msgtypes: frozenset[str]) -> set[str]:
 
 
 def find_lidar_topics(
-    recording: Recording, config: TopicsConfig, first: FirstMessages, findings: Findings
+    recording: Recording,
+    config: TopicsConfig,
+    first: FirstMessages,
+    findings: Findings,
+    transforms: RecordedTransforms | None = None,
+    *,
+    limits: RecordingLimits = DEFAULT_LIMITS,
 ) -> list[str]:
     """Topics of clouds, in natural order or as configured.
 
-    Packets are not used where the clouds that the driver made of them were recorded.
+    Packets are not used where the clouds that the driver made of them were recorded. Without `transforms` none were
+    recorded.
     """
+    transforms = transforms or RecordedTransforms(TransformTree())
     if config.lidars is not None:
         return configured_topics(recording, config.lidars, CLOUD, "lidar", findings)
     infos = _readable(topics_with_messages(recording, CLOUD, config), "lidar", findings)
     measured = [info for info in infos if is_measured_image(info.topic)]
     notes = findings.notes
-    notes += [f"{info.topic}: a depth camera's cloud, not used" for info in infos if info not in measured]
+    notes += [f"{info.topic}: not a lidar's by its name, not used" for info in infos if info not in measured]
     notes += [
         f"{info.topic}: {info.message_count} {info.gathered_from} gathered into sweeps"
         for info in infos
         if info.gathered_from
     ]
-    chosen = _first_hand(measured, notes)
-    return [info.topic for info in _clouds_before_packets(chosen, first, notes)]
+    before = len(notes)
+    chosen = _first_hand(measured, notes, _hand_of_cloud(measured, first, transforms))
+    chosen = _clouds_before_packets(chosen, first, notes)
+    sources = cloud_sources(recording, chosen, first, transforms, limits)
+    return _sensors(sources, "lidars", notes, was_choice=len(notes) > before)
 
 
 def find_camera_topics(
-    recording: Recording, config: TopicsConfig, first: FirstMessages, findings: Findings
+    recording: Recording,
+    config: TopicsConfig,
+    first: FirstMessages,
+    findings: Findings,
+    *,
+    limits: RecordingLimits = DEFAULT_LIMITS,
 ) -> list[CameraTopics]:
     """Cameras, in natural order or as configured; those with boxes but no images come last."""
     notes = findings.notes
+    calibrations = sorted(readable_topics(recording, CAMERA_INFO), key=natural_key)
     boxes = [info.topic for info in topics_with_messages(recording, BOXES, config) if not info.unreadable]
     if config.cameras is not None:
         images = configured_topics(recording, config.cameras, IMAGE | BOXES, "camera", findings)
@@ -115,9 +144,11 @@ def find_camera_topics(
         notes += [] if config.cameras else ["topics.cameras is empty: no camera is used"]
     else:
         infos = _readable(topics_with_messages(recording, IMAGE, config), "camera", findings)
-        images = _one_per_camera(_first_hand(infos, notes), first, notes)
+        images = _one_per_camera(_first_hand(infos, notes, _hand_of_image), first, notes)
+        places = {place(topic) for topic in calibrations}
+        sources = image_sources(recording, images, first, limits, has_info=lambda topic: place(topic) in places)
+        images = _sensors(sources, "cameras", notes)
         only_boxes_allowed = set(boxes)
-    calibrations = sorted(readable_topics(recording, CAMERA_INFO), key=natural_key)
 
     frames = {topic: first.frame(topic, IMAGE) for topic in images}
     frames |= {topic: first.frame(topic, BOXES) for topic in boxes}
@@ -183,18 +214,54 @@ def configured_topics(
     return [topic for topic in dict.fromkeys(topics) if topic in there]
 
 
-def _first_hand(infos: Sequence[TopicInfo], notes: list[str]) -> list[TopicInfo]:
-    """Topics that were recorded by themselves, else parts of combined messages, else those made of others.
+def _first_hand(
+    infos: Sequence[TopicInfo], notes: list[str], hand: Callable[[TopicInfo], tuple[int, str]]
+) -> list[TopicInfo]:
+    """Topics of the first hand; those of a later one are noted, with the reason that `hand` returns beside its number.
 
     A recording of a whole system has the sensors' messages and also what its nodes made of them.
     """
+    found = {info: hand(info) for info in infos}
+    first = min((number for number, _ in found.values()), default=0)
+    notes += [f"{info.topic}: {reason}, not used" for info, (number, reason) in found.items() if number > first]
+    return [info for info in infos if found[info][0] == first]
 
-    def hand(info: TopicInfo) -> int:
-        return 2 if info.topic in MADE_OF_OTHERS else 1 if info.part_of else 0
 
-    best = min(map(hand, infos), default=0)
-    notes += [f"{info.topic}: made of the others, not used" for info in infos if hand(info) > best]
-    return [info for info in infos if hand(info) == best]
+def _hand_of_image(info: TopicInfo) -> tuple[int, str]:
+    return (1, MADE) if info.part_of else (0, "")
+
+
+def _hand_of_cloud(
+    infos: Sequence[TopicInfo], first: FirstMessages, transforms: RecordedTransforms
+) -> Callable[[TopicInfo], tuple[int, str]]:
+    """Clouds recorded by themselves, parts of combined messages, those made of others, computed ones, and maps."""
+    frames = {info.topic: first.frame(info.topic, CLOUD) for info in infos}
+    most = max((info.message_count for info in infos), default=0)
+
+    def hand(info: TopicInfo) -> tuple[int, str]:
+        frame = frames[info.topic]
+        if is_world_frame(frame, frames.values(), transforms):
+            return 4, f"in {frame}, which is no frame of a sensor"
+        others = [other for topic, other in frames.items() if topic != info.topic]
+        if info.message_count == 1 and most >= MANY and not any(transforms.are_joined(frame, one) for one in others):
+            return 4, "a single message"
+        if frame.endswith(OPTICAL):
+            return 3, f"in {frame}, the frame of a camera"
+        if not first.missing(info.topic, CLOUD) and is_computed(first.decoded(info.topic, CLOUD)):
+            return 3, "its fields are computed ones"
+        return (2, MADE) if info.topic in MADE_OF_OTHERS else (1, MADE) if info.part_of else (0, "")
+
+    return hand
+
+
+def _sensors(sources: Mapping[str, str], kind: str, notes: list[str], *, was_choice: bool = False) -> list[str]:
+    """The topics that were not made of others, in natural order; notes name the others, and how to choose."""
+    made = [topic for topic in sources if sources[topic]]
+    notes += [f"{topic}: made of {sources[topic]}, not used" for topic in sorted(made, key=natural_key)]
+    sensors = sorted((topic for topic in sources if not sources[topic]), key=natural_key)
+    if made or was_choice:
+        notes.append(f"{kind}: {', '.join(sensors)}; to choose others: --set 'topics.{kind}=[{','.join(sensors)}]'")
+    return sensors
 
 
 def _clouds_before_packets(infos: Sequence[TopicInfo], first: FirstMessages, notes: list[str]) -> list[TopicInfo]:

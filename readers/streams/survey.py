@@ -2,13 +2,14 @@
 
 import logging
 from array import array
-from collections import Counter, defaultdict
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64
-from lidcam.pipeline.core.messages import time_fault
+from lidcam.pipeline.core.messages import RawMessage, time_fault
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.deserialize import definition_problem
 from lidcam.readers.recording import Recording, TopicInfo
@@ -41,12 +42,17 @@ class TopicSurvey:
 
 
 def survey(
-    recording: Recording, *, stop_ns: int | None = None, limits: RecordingLimits = DEFAULT_LIMITS
+    recording: Recording,
+    *,
+    stop_ns: int | None = None,
+    limits: RecordingLimits = DEFAULT_LIMITS,
+    watch: Callable[[Iterator[RawMessage]], None] = lambda _: None,
 ) -> tuple[TopicSurvey, ...]:
     """All topics by name; with `stop_ns`, everything but the counts covers only messages recorded before that time.
 
     Sixteen bytes a message are held. All messages are read, to find damage, but only the times of the first
-    `limits.max_messages_in_memory` are used; a warning says so.
+    `limits.max_messages_in_memory` are used; a warning says so. `watch` gets the messages as they are read, so that
+    they are read only once.
 
     Raises:
         RecordingError: the recording cannot be read to its end.
@@ -54,16 +60,23 @@ def survey(
     times: defaultdict[str, array[int]] = defaultdict(lambda: array("q"))
     faults: dict[str, tuple[str, int]] = {}
     counts: Counter[str] = Counter()
-    left = limits.max_messages_in_memory
-    for message in recording.messages(stop_ns=stop_ns):
-        topic = message.channel.topic
-        counts[topic] += 1
-        if fault := time_fault(message.stamp_ns) or time_fault(message.log_time_ns):
-            first, count = faults.get(topic, (fault, 0))
-            faults[topic] = first, count + 1
-        elif left:
-            left -= 1
-            times[topic].extend((message.stamp_ns, message.log_time_ns))
+
+    def counted() -> Iterator[RawMessage]:
+        left = limits.max_messages_in_memory
+        for message in recording.messages(stop_ns=stop_ns):
+            topic = message.channel.topic
+            counts[topic] += 1
+            if fault := time_fault(message.stamp_ns) or time_fault(message.log_time_ns):
+                first, count = faults.get(topic, (fault, 0))
+                faults[topic] = first, count + 1
+            elif left:
+                left -= 1
+                times[topic].extend((message.stamp_ns, message.log_time_ns))
+            yield message
+
+    messages = counted()
+    watch(messages)
+    deque(messages, maxlen=0)
     if counts.total() > limits.max_messages_in_memory:
         logger.warning(
             "rates, gaps and delays are those of the first %d messages: raise limit_scale",

@@ -2,11 +2,13 @@
 
 import json
 import re
+import struct
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from builders import camera_info, image, pointcloud2, raw, tf_message, transform_stamped, write_rosbag1
 from command import Lidcam
 from helpers import CLUSTERS
@@ -98,3 +100,55 @@ def test_every_frame_is_there_and_what_it_lacks_is_told(lidcam: Lidcam, tmp_path
         ("missing cam1", "silent"),
         ("missing cam3", "no message within sync.slop_s of the frame"),
     }
+
+
+def with_stamps(
+    messages: list[RawMessage], topic: str, shift_ns: int, *, begin_s: float | None = None
+) -> list[RawMessage]:
+    """Messages of a topic stamped otherwise: shifted, or beginning with stamp 0 and going on from some seconds on."""
+    changed, last_ns = [], 0
+    for one in messages:
+        if one.topic == topic:
+            stamp_ns = one.stamp_ns + shift_ns
+            if begin_s is not None:
+                stamp_ns = round(begin_s * 1e9) + one.stamp_ns - START_NS if last_ns else 0
+            data = bytes(one.data)  # stamp behind the sequence number
+            stamp = struct.pack("<II", *divmod(stamp_ns, 10**9))
+            one, last_ns = one._replace(stamp_ns=stamp_ns, data=data[:4] + stamp + data[12:]), one.stamp_ns
+        changed.append(one)
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("steps", "change", "line"),
+    [
+        (3, {}, ""),
+        (3, {"topic": "/cam1/image_raw", "shift_ns": -60 * 10**9}, "cam1 is in none of the 3 frames"),
+        (30, {"topic": "/cam1/image_raw", "shift_ns": 60 * 10**9}, "cam1 is in none of the 30 frames"),
+        (2, {"topic": "/cam1/image_raw", "shift_ns": -60 * 10**9}, ""),  # by chance
+        (12, {"topic": "/front/points", "shift_ns": 0, "begin_s": 0.0}, "front is in none of the 12 frames"),
+    ],
+)
+def test_inspect_and_process_judge_alike(
+    lidcam: Lidcam, tmp_path: Path, steps: int, change: dict[str, Any], line: str
+) -> None:
+    messages = recorded(lambda _, step: step < steps)
+    write_rosbag1(tmp_path / "in.bag", with_stamps(messages, **change) if change else messages)
+    codes, lines = [], []
+    for command in (["inspect"], ["process"]):
+        out = [tmp_path / "out.mcap", "--set", CLUSTERS] if command == ["process"] else []
+        run = lidcam(*command, tmp_path / "in.bag", *out, "--json")
+        codes.append(run.code)
+        lines.append("; ".join(json.loads(run.out)["incomplete"]))
+    assert codes == [3 if line else 0] * 2
+    assert lines == [line] * 2
+
+
+def test_simulated_time_that_begins_at_zero(lidcam: Lidcam, tmp_path: Path) -> None:
+    messages = recorded(lambda _, step: step < 6)
+    for topic in {one.topic for one in messages} - {"/tf_static"}:
+        messages = with_stamps(messages, topic, 0, begin_s=0.0)
+    write_rosbag1(tmp_path / "in.bag", messages)
+    run = lidcam("process", tmp_path / "in.bag", tmp_path / "out.mcap", "--set", CLUSTERS, "--json")
+    assert run.code == 0, run.err
+    assert json.loads(run.out)["frames"] == 6

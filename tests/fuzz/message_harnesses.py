@@ -38,6 +38,7 @@ from lidcam.readers.messages.camera_info import camera_model, rectified_camera_m
 from lidcam.readers.messages.deserialize import definition_problem, deserialize, typestore_for
 from lidcam.readers.messages.diagnostics import decode_diagnostics
 from lidcam.readers.messages.image import decode_any_image
+from lidcam.readers.messages.livox import decode_livox
 from lidcam.readers.messages.objects.tracks import decode_tracks
 from lidcam.readers.messages.odometry import decode_odometry
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
@@ -104,8 +105,9 @@ def _of_messages(msgtype: str, decode: Callable[[RawMessage], Any], fields: Call
     return Harness(run, seeds)
 
 
-CLOUD, IMAGE, COMPRESSED, INFO, TF, ODOMETRY, BOXES, OBJECTS, STATUS, SCAN = (
+CLOUD, LIVOX, IMAGE, COMPRESSED, INFO, TF, ODOMETRY, BOXES, OBJECTS, STATUS, SCAN = (
     "sensor_msgs/msg/PointCloud2",
+    "livox_ros_driver/msg/CustomMsg",
     "sensor_msgs/msg/Image",
     "sensor_msgs/msg/CompressedImage",
     "sensor_msgs/msg/CameraInfo",
@@ -319,6 +321,11 @@ def _boxes() -> Fields:
     return detection2d_array([[0, 0, 5, 5]] * 2, class_names=["car", "0"], scores=[0.5, 0.6], stamp_ns=T0)
 
 
+def _livox(count: int) -> Fields:
+    points = [{"offset_time": 1000 * index, "x": 1.0 * index, "line": index} for index in range(count)]
+    return {"header": header(T0, "livox"), "timebase": T0, "point_num": count, "points": points}
+
+
 def _status() -> Fields:
     return {"status": [{"name": "a", "values": [{"key": "skew_ms", "value": "1.5"}]}]}
 
@@ -333,6 +340,7 @@ def _track_seeds() -> list[bytes]:
 
 MESSAGES: dict[str, Harness] = {
     "pointcloud2": _of_messages(CLOUD, partial(decode_pointcloud2, limits=LIMITS), _clouds),
+    "livox": _of_messages(LIVOX, partial(decode_livox, limits=LIMITS), lambda: [_livox(0), _livox(3)]),
     "image": _of_messages(IMAGE, partial(decode_any_image, limits=LIMITS), images),
     "compressed_image": _of_messages(COMPRESSED, partial(decode_any_image, limits=LIMITS), _compressed),
     "camera_info": _of_messages(INFO, _decode_info, lambda: [info()]),

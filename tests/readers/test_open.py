@@ -1,3 +1,6 @@
+import bz2
+import gzip
+import lzma
 import os
 from collections.abc import Sequence
 from itertools import pairwise
@@ -192,6 +195,17 @@ def assert_refused(paths: Sequence[Path], *parts: str) -> None:
         ("notes.txt", b"lidar on the left pole\n", "a text file"),
         ("image.bin", b"\x00\x01\x02", "a file of another kind"),
         ("text.bag", b"lidar on the left pole\n", "other bytes than a .bag file begins with"),
+        (
+            "drive.mcap",
+            b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n",
+            "a Git LFS pointer in place of the file; fetch it with `git lfs pull`",
+        ),
+        ("drive.bag.gz", gzip.compress(b"#ROSBAG V2.0\n"), "gzip; unpack it with `gunzip --keep`"),
+        ("drive.bag.bz2", bz2.compress(b"#ROSBAG V2.0\n"), "bzip2; unpack it with `bunzip2 --keep`"),
+        ("drive.bag.xz", lzma.compress(b"#ROSBAG V2.0\n"), "xz; unpack it with `unxz --keep`"),
+        ("drive.zip", b"PK\3\4\x14\0", "a zip archive; unpack it"),
+        ("out.rrd", b"RRF2\0\1\0\0", "a Rerun recording, which is for viewing"),
+        ("drive.osf", b"\x20\0\0\0\x10\0\0\0OSF#\0", "an Ouster recording (OSF); save it as a .pcap"),
         ("old.bag", b"#ROSBAG V1.2\n" + b"\0" * 50, "format 1.2; convert it"),
         ("magic.bag", b"#ROSBAG V2.0\n", "damaged or was not closed"),
         ("magic.mcap", b"\x89MCAP0\r\n", "damaged or was not closed"),
@@ -208,6 +222,9 @@ def test_paths_without_a_recording(tmp_path: Path) -> None:
     assert_refused([tmp_path / "nope.bag"], "no such file or folder", ".mcap")
     assert_refused([tmp_path / (300 * "x")], "cannot be read: File name too long")
     assert_refused([tmp_path], "expected a ROS 2 bag folder", "found none")
+    for folder, says in (("training/velodyne", "frames of KITTI"), ("2011_09_26/velodyne_points", "`kitti2mcap`")):
+        (tmp_path / folder / "data").mkdir(parents=True)
+        assert_refused([tmp_path], "expected a ROS 2 bag folder", says)
 
 
 def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:

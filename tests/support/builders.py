@@ -32,7 +32,14 @@ Fields = Mapping[str, Any]
 Encoding = Literal["ros1", "cdr"]
 
 # Packages of types that rosbags does not bring for one ROS version or both; in ROS 1, vision_msgs are as in ROS 2.
-MORE_PACKAGES = ("ffmpeg_image_transport_msgs/", "foxglove_msgs/", "tf2_msgs/", "velodyne_msgs/", "vision_msgs/")
+MORE_PACKAGES = (
+    "ffmpeg_image_transport_msgs/",
+    "foxglove_msgs/",
+    "livox_",
+    "tf2_msgs/",
+    "velodyne_msgs/",
+    "vision_msgs/",
+)
 
 # sensor_msgs/PointField constants.
 POINT_FIELD_DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}

@@ -132,7 +132,7 @@ def _of_tracks(tracks: Tracks | None) -> dict[str, list[str]]:
         return {}
     columns = {
         "track": map(str, tracks.ids.tolist()),
-        "speed_m_s": (f"{speed_m_s:.2f}" for speed_m_s in tracks.speeds.tolist()),
+        "speed_m_s": ("" if speed_m_s != speed_m_s else f"{speed_m_s:.2f}" for speed_m_s in tracks.speeds.tolist()),
         "existence": (f"{existence:.4f}" for existence in tracks.existence.tolist()),
         "age_s": (f"{age_s:.2f}" for age_s in tracks.ages_s.tolist()),
     }

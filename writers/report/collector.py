@@ -101,10 +101,11 @@ class ReportCollector:
             return
         self.is_tracked = True
         speeds = np.hypot(motion.velocities[:, 0], motion.velocities[:, 1])
-        rows = np.flatnonzero((source.track_ids > NO_TRACK) & np.isfinite(speeds))
+        rows = np.flatnonzero(source.track_ids > NO_TRACK)
         numbers = source.track_ids[rows]
         self.users.add_objects(frame.stamp_ns, boxes.class_ids[rows], boxes.centers[rows], numbers, speeds[rows])
-        self.courses.add_frame(time_s, numbers, xy[rows], speeds[rows])
+        rows = rows[np.isfinite(speeds[rows])]
+        self.courses.add_frame(time_s, source.track_ids[rows], xy[rows], speeds[rows])
 
     def _travel(self, time_s: float, xy: F64) -> None:
         self.way.add_frame(time_s, np.zeros(1, np.int64), xy[None], np.zeros(1))

@@ -89,13 +89,14 @@ def skew_figure(seen: ReportCollector) -> Figure:
 
 def speeds_figure(users: RoadUserTable, class_names: Sequence[str]) -> Figure:
     """Road users by their mean speed."""
-    fastest = float(users.speed_means.max(initial=0.1))
+    is_known = np.isfinite(users.speed_means)
+    fastest = float(users.speed_means[is_known].max(initial=0.1))
     step = nice(max(fastest, 0.1) / 12)
     edges = np.arange(0, fastest + step, step)
     edges = np.append(edges, edges[-1] + step)
     traces = []
     for class_id, name in enumerate(class_names):
-        own = users.speed_means[users.class_ids == class_id]
+        own = users.speed_means[is_known & (users.class_ids == class_id)]
         if len(own):
             traces.append(
                 {

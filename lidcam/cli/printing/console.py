@@ -16,6 +16,7 @@ from lidcam.cli.printing.tables import (
     road_users_table,
     rows_table,
     sensors_table,
+    speed_text,
     topics_table,
 )
 from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, source_names
@@ -66,10 +67,10 @@ def print_detections(out: Console, frame: FrameResult, config: Config) -> None:
 def _track_texts(fused: Fused) -> list[str]:
     """Number, speed and age of the track of each object; empty without one."""
     tracks = Tracks.none(len(fused.objects)) if fused.tracks is None else fused.tracks
-    columns = zip(tracks.ids.tolist(), tracks.speeds.tolist(), tracks.ages_s.tolist(), strict=True)
+    speeds = ["" if np.isnan(speed_m_s) else f"{speed_m_s:.1f} m/s, " for speed_m_s in tracks.speeds]
+    columns = zip(tracks.ids.tolist(), speeds, tracks.ages_s.tolist(), strict=True)
     return [
-        f"track {number}, {speed_m_s:.1f} m/s, {age_s:.1f} s old" if number != NO_TRACK else ""
-        for number, speed_m_s, age_s in columns
+        f"track {number}, {speed}{age_s:.1f} s old" if number != NO_TRACK else "" for number, speed, age_s in columns
     ]
 
 
@@ -139,7 +140,7 @@ def print_summary(out: Console, summary: RunSummary, *, times: bool = False) -> 
         out.print()
         if users.changes:
             columns = ("class", "from", "to", "number", "mean m/s")
-            changes = ((*astuple(one)[:4], f"{one.speed_mean_m_s:.1f}") for one in users.changes)
+            changes = ((*astuple(one)[:4], speed_text(one.speed_mean_m_s)) for one in users.changes)
             show_table(out, rows_table("road users from zone to zone", columns, changes, columns[:3]))
             out.print()
     show_line(out, f"objects, sum over {frames.count} frame{'s' * (frames.count != 1)}", "bold")

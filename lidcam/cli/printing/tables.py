@@ -1,6 +1,7 @@
 """The tables that are printed."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from math import isnan
 from typing import Any
 
 from rich.cells import cell_len
@@ -82,10 +83,15 @@ def road_users_table(users: RoadUsers, zones: Sequence[str]) -> Table:
     last = ""
     for one in users.counts:
         name, last = "" if one.class_name == last else one.class_name, one.class_name
-        speeds = f"{one.speed_mean_m_s:.1f}", f"{one.speed_max_m_s:.1f}"
+        speeds = speed_text(one.speed_mean_m_s), speed_text(one.speed_max_m_s)
         rows.append([name, *([one.zone or "all"] if zones else []), one.count, *speeds])
     rows = rows or [["none", *([""] if zones else []), 0]]
     return rows_table("road users", [*names, "number", "mean m/s", "max m/s"], rows, names)
+
+
+def speed_text(speed_m_s: float) -> str:
+    """A speed, m/s; empty where it is not known."""
+    return "" if isnan(speed_m_s) else f"{speed_m_s:.1f}"
 
 
 def drops_table(used: Mapping[str, int], drops: Sequence[DropCount]) -> Table:

@@ -74,10 +74,11 @@ def counts(seen: ReportCollector, class_names: Sequence[str]) -> PageTable:
     for class_id, name in enumerate(class_names):
         own = users.class_ids == class_id
         if own.any():
-            means = users.speed_means[own]
-            speeds = means.mean(), np.percentile(means, FASTER), users.speed_maxima[own].max()
+            is_known = own & np.isfinite(users.speed_means)
+            means, maxima = users.speed_means[is_known], users.speed_maxima[is_known]
+            speeds = (means.mean(), np.percentile(means, FASTER), maxima.max()) if len(means) else ()
             by_place = [int((users.frames[own, column] > 0).sum()) for column in columns]
-            shown = [f"{number(float(speed), 1)} m/s" for speed in speeds]
+            shown = [f"{number(float(speed), 1)} m/s" for speed in speeds] or [""] * 3
             rows.append([class_name(class_id, name), int(own.sum()), *by_place, *shown])
     return PageTable(["", "number", *places, "mean speed", f"{FASTER} % below", "fastest"], rows)
 
@@ -100,7 +101,8 @@ def movements(users: RoadUserTable, class_names: Sequence[str]) -> PageTable:
     rows: list[list[Any]] = []
     for first, last in np.unique(ways[went], axis=0).tolist():
         own = went & (ways == [first, last]).all(1)
-        speed = f"{users.speed_means[own].mean():.1f} m/s"
+        means = users.speed_means[own & np.isfinite(users.speed_means)]
+        speed = f"{means.mean():.1f} m/s" if len(means) else ""
         listed = _listed(users.class_ids[own], class_names)
         rows.append([users.places[first], users.places[last], int(own.sum()), listed, speed])
     rows.sort(key=lambda row: (-row[2], row[0], row[1]))

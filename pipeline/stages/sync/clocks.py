@@ -3,7 +3,9 @@
 A message is judged by the stamp before it on its topic, and by its delay (log time minus stamp). One that goes back by
 more than a second, or is that much further ahead of the recorder than those before it, is held until the next message
 of its topic: if that one agrees with it, the clock was set, else it is an outlier. A message that is only recorded late
-is neither. A message whose stamp or log time no output could hold (before 1970, after January 2038) is bad in any case.
+is neither. A first stamp of 0 is the beginning of simulated time if the next one agrees with it, else the message came
+before its clock was set. A message whose stamp or log time no output could hold (before 1970, after January 2038) is
+bad in any case.
 """
 
 from collections import deque
@@ -69,6 +71,7 @@ class Clocks:
     Args:
         offsets_ns: Offsets that are taken off the stamps, by topic; other topics have none.
         on_drop: Called for each message whose stamp does not fit those around it.
+        on_start: Called in its place for the first message of a topic, if its stamp is 0 and those after it are not.
         on_bad: Called for each message whose stamp or log time cannot be a time.
 
     Attributes:
@@ -77,10 +80,16 @@ class Clocks:
     """
 
     def __init__(
-        self, offsets_ns: Mapping[str, int], *, on_drop: Callable[[Drop], None], on_bad: Callable[[Drop], None]
+        self,
+        offsets_ns: Mapping[str, int],
+        *,
+        on_drop: Callable[[Drop], None],
+        on_bad: Callable[[Drop], None],
+        on_start: Callable[[Drop], None] | None = None,
     ) -> None:
         self._offsets_ns = offsets_ns
         self._on_drop = on_drop
+        self._on_start = on_start or on_drop
         self._on_bad = on_bad
         self._clocks: dict[str, _Clock] = {}
         self._part = 0
@@ -150,8 +159,8 @@ class Clocks:
 
     def _stamped(self, clock: _Clock, message: RawMessage) -> list[RawMessage]:
         held, clock.held = clock.held, None
-        if held is not None and held.stamp_ns == 0:
-            self._drop(held, ZERO)
+        if held is not None and held.stamp_ns == 0 and (clock.offset_ns or not _agree(held, message)):
+            self._on_start(_far_off(held, ZERO))
             held = None
         clock.is_unstamped = False
         if clock.last_ns is None:
@@ -229,9 +238,13 @@ class Clocks:
                 self._drop(held, OUTLIER)
 
     def _drop(self, message: RawMessage, reason: str) -> None:
-        apart_s = (message.stamp_ns - message.log_time_ns) / 1e9
-        side = "after" if apart_s > 0 else "before"
-        self._on_drop(Drop(message.topic, message.stamp_ns, reason, f"{abs(apart_s):.1f} s {side} its log time"))
+        self._on_drop(_far_off(message, reason))
+
+
+def _far_off(message: RawMessage, reason: str) -> Drop:
+    apart_s = (message.stamp_ns - message.log_time_ns) / 1e9
+    side = "after" if apart_s > 0 else "before"
+    return Drop(message.topic, message.stamp_ns, reason, f"{abs(apart_s):.1f} s {side} its log time")
 
 
 def _not_a_time(message: RawMessage, offset_ns: int) -> Drop | None:

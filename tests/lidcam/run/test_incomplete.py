@@ -39,6 +39,8 @@ def test_sensors_that_are_in_no_frame_and_not_those_that_pause() -> None:
     assert absent_lines([absent]) == ["cam1 is in none of the 20 frames"]
     assert absent_lines([replace(absent, frames=5, of_frames=5)]) == []  # by chance
     assert absent_lines([replace(absent, frames=19)]) == []
+    few = replace(absent, frames=3, of_frames=3)
+    assert [len(absent_lines([few], {"/cam1": dropped})) for dropped in (2, 3)] == [0, 1]
     silent = MissingSensor("cam1", "/cam1", 20, 20, (SilentSpan(None, None, 20),))
     assert absent_lines([silent]) == []
 

@@ -13,7 +13,7 @@ from lidcam.pipeline.core.arrays import F32
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.run.scene import MAX_MESSAGES, SceneSize, measure_scene
+from lidcam.run.scene import MAX_MESSAGES, SceneSize, clouds_show_motion, measure_scene
 
 START_NS = 1_600_000_000_000_000_000
 PERIOD_NS = 100_000_000
@@ -100,3 +100,32 @@ def test_the_effort_is_bounded_where_no_cloud_can_be_decoded() -> None:
     recording = Counting([broken(cloud(0, floor(8, 4, 0.3)))._replace(log_time_ns=START_NS + n) for n in range(300)])
     assert measure_scene(recording, rig(0.3), Config()) is None
     assert recording.read == MAX_MESSAGES
+
+
+def street() -> F32:
+    """Ground and sixty boxes, evenly covered."""
+    rng = np.random.default_rng(2)
+    points = [np.c_[rng.uniform(-60, 60, (60_000, 2)), np.zeros(60_000)]]
+    for x, y in rng.uniform(-60, 60, (60, 2)):
+        sides = rng.uniform((-2, -1, 0), (2, 1, 3), (2000, 3))
+        sides[:1000, 0], sides[1000:, 1] = rng.choice([-2, 2], 1000), rng.choice([-1, 1], 1000)
+        points.append(np.add(sides, [x, y, 0]))
+    return np.concatenate(points).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("begins", "speed_m_s", "moves"), [(0, 0, False), (0, 3, True), (0, 20, True), (35, 8, True), (0, 0.1, False)]
+)
+def test_clouds_show_whether_a_lidar_is_on_a_mast_or_on_a_truck(begins: int, speed_m_s: float, moves: bool) -> None:
+    world, rng = street(), np.random.default_rng(3)
+    messages = []
+    for number in range(60):
+        x_m = speed_m_s * 0.1 * max(number - begins, 0) - 40
+        seen = (world - [x_m, 0, 3.2]).astype(np.float32)
+        seen = seen[rng.random(len(seen)) < np.minimum((8 / np.linalg.norm(seen, axis=1)) ** 2, 1)]
+        messages.append(cloud(0, seen, number))
+    recording = MemoryRecording(messages)
+    assert clouds_show_motion(recording, rig(3.2), Config()) == moves
+    size = measure_scene(recording, rig(3.2), Config())
+    assert size is not None
+    assert size.lidar_height_m == pytest.approx(3.2, abs=0.1)

@@ -21,6 +21,14 @@ def test_speeds_are_those_over_the_ground() -> None:
     assert replace(Tracks.none(2), velocities=np.array([[3.0, -4.0], [0.0, 1.0]])).speeds.tolist() == [5.0, 1.0]
 
 
+def test_a_motion_that_is_not_known_is_no_speed() -> None:
+    tracks = replace(Tracks.none(2), velocities=np.array([[3.0, -4.0], [0.0, 1.0]]), yaw_rates=np.ones(2))
+    tracks = tracks.without_motion(np.array([False, True]))
+    np.testing.assert_array_equal(tracks.speeds, [5.0, np.nan])
+    np.testing.assert_array_equal(tracks.motions, [[3, -4, 1], [np.nan] * 3])
+    assert tracks.velocities[1].tolist() == [0.0, 0.0]
+
+
 def test_each_object_has_one_track() -> None:
     nothing = Boxes3D.empty(0, "site")
     with pytest.raises(ValueError, match="tracks: expected 0"):

@@ -99,6 +99,23 @@ def test_a_plain_count_agrees(frames: list[tuple[Seen, ...]]) -> None:
     assert changes == went
 
 
+def test_speeds_that_are_not_known_are_in_no_mean() -> None:
+    tally = RoadUserTally(CONFIG, ZONED)
+    numbers, centers = np.array([1, 7]), np.zeros((2, 3))
+    for speeds in ([np.nan, np.nan], [4.0, np.nan], [2.0, np.nan]):
+        tally.add_objects(0, np.zeros(2, np.int32), centers, numbers, np.array(speeds))
+    np.testing.assert_array_equal(tally.table.speed_means, [3.0, np.nan])
+    np.testing.assert_array_equal(tally.table.speed_maxima, [4.0, np.nan])
+    assert tally.road_users is not None
+    assert [(one.count, one.speed_mean_m_s, one.speed_max_m_s) for one in tally.road_users.counts if not one.zone] == [
+        (2, 3.0, 4.0)
+    ]
+    none = RoadUserTally(CONFIG, ZONED)
+    none.add_objects(0, np.zeros(1, np.int32), centers[:1], numbers[:1], np.array([np.nan]))
+    assert none.road_users is not None
+    assert np.isnan(none.road_users.counts[-1].speed_mean_m_s)
+
+
 def test_how_long_each_stays_where() -> None:
     """From frame to frame a road user stays where it was; what is not in the next frame has gone."""
     tally = RoadUserTally(CONFIG, ZONED)

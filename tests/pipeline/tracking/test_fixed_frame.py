@@ -124,6 +124,16 @@ def test_every_frame_is_given_once(mode: str, waits: bool) -> None:
     assert all(fused.tracks is not None for fused in left)
 
 
+@pytest.mark.parametrize("all_speeds", [False, True])
+def test_speeds_of_too_few_measurements_are_not_said(all_speeds: bool) -> None:
+    tracker = object_tracker(load_config(settings={"track.mode": "online"}), RIG, all_speeds=all_speeds)
+    assert tracker is not None
+    said = [tracker.add_frame(frame(index))[0].tracks for index in range(3)]
+    assert [tracks is not None and bool(np.isnan(tracks.speeds).any()) for tracks in said] == (
+        [not all_speeds, not all_speeds, False]
+    )
+
+
 @pytest.mark.parametrize("shown", [False, True])
 def test_lidars_show_fronts_and_cameras_do_not(shown: bool) -> None:
     one = result()

@@ -1,5 +1,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from tracked_scenes import (
 
 from lidcam.pipeline.tracking.motion import HEADING, REAR_SHARE, SPEED
 from lidcam.pipeline.tracking.offline import OfflineTracker
+from lidcam.pipeline.tracking.online import OnlineTracker
 from lidcam.pipeline.tracking.sightings import NOT_SEEN, FrameSightings, TrackRows
 
 CARS = [Mover(straight(-30, 0, 0, 8.0)), Mover(straight(30, 4, np.pi, 6.0)), Mover(straight(5, -8, 1.0, 0.0))]
@@ -39,6 +42,24 @@ def test_of_nothing_there_are_no_tracks(frames: int) -> None:
 @pytest.mark.parametrize("frames", [1, 2, 40])
 def test_each_car_has_one_number_from_its_first_sighting_on(frames: int) -> None:
     assert ids(tracked(scene(CARS, frames))) == [[1, 2, 3]] * frames
+
+
+@pytest.mark.parametrize(("frames", "known"), [(2, False), (3, True)])
+@pytest.mark.parametrize("online", [False, True])
+def test_a_speed_needs_three_measurements(frames: int, known: bool, online: bool) -> None:
+    tracker = OnlineTracker(PRIORS, min_existence=0.0, max_gap_s=3.0)
+    seen = scene(CARS, frames)
+    rows = [one for frame in seen for one in tracker.add_frame(frame)] if online else tracked(seen)
+    assert rows[-1].speeds_known.tolist() == [known] * 3
+
+
+@pytest.mark.parametrize("make", [OnlineTracker, partial(OfflineTracker, window_s=60.0)])
+def test_a_speed_that_the_class_cannot_have_is_not_known(make: Any) -> None:
+    slow = replace(PRIORS, scales_m=PRIORS.scales_m * 7 / PRIORS.max_speeds[CAR])
+    tracker = make(slow, min_existence=0.5, max_gap_s=3.0)
+    rows = [one for frame in scene(CARS, 12) for one in tracker.add_frame(frame)] + tracker.finish()
+    assert np.abs(rows[-1].states[:, SPEED]).round().tolist() == [8, 6, 0]
+    assert rows[-1].speeds_known.tolist() == [False, True, True]
 
 
 def test_frames_that_are_far_apart_have_their_objects() -> None:

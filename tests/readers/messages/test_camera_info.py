@@ -1,3 +1,4 @@
+import re
 from dataclasses import fields
 from types import SimpleNamespace
 from typing import Any
@@ -8,7 +9,7 @@ import pytest
 from builders import Fields, camera_info, raw
 
 from lidcam.pipeline.core.errors import CalibrationError
-from lidcam.readers.messages.camera_info import camera_model, rectified_camera_model
+from lidcam.readers.messages.camera_info import camera_model, rectified_camera_model, rectified_reason
 from lidcam.readers.messages.deserialize import deserialize
 
 K = np.array([[520.0, 0.0, 333.0], [0.0, 510.0, 251.0], [0.0, 0.0, 1.0]])
@@ -37,6 +38,7 @@ def test_field_names_of_both_ros_versions(encoding: str) -> None:
         ("rational_polynomial", (0.1, 0.2, 0.0, 0.0, 0.1, 0.2, 0.3, 0.4), "rational_polynomial"),
         ("equidistant", (0.1, 0.01, 0.0, 0.0), "equidistant"),
         ("kannala_brandt", (0.1, 0.01, 0.0, 0.0), "equidistant"),
+        ("kannala_brandt4", (0.1, 0.01, 0.0, 0.0), "equidistant"),
         ("", (), "plumb_bob"),
         ("brown_conrady", (0.0,) * 5, "plumb_bob"),
     ],
@@ -118,3 +120,33 @@ def test_rectified_images_use_p_and_r_without_distortion() -> None:
 def test_faults_of_rectified_images(options: dict[str, Any], reason: str) -> None:
     with pytest.raises(CalibrationError, match=reason):
         rectified_camera_model(info(**options))
+
+
+KITTI_K = [[959.8, 0, 696.0], [0, 956.9, 224.2], [0, 0, 1]]
+KITTI_P = [[721.5, 0, 609.6, 44.9], [0, 721.5, 172.9, 0.2], [0, 0, 1, 0.003]]
+
+
+@pytest.mark.parametrize(
+    ("K", "P", "reason"),
+    [
+        (KITTI_K, KITTI_P, r"K is of an image of another size, with its centre at \(696, 224\)"),
+        (np.zeros((3, 3)), KITTI_P, "K is 0"),
+        (np.zeros((3, 3)), np.zeros((3, 4)), "^$"),
+        (KITTI_K, np.zeros((3, 4)), "^$"),
+        (KITTI_K, None, "^$"),  # its own: both are off
+        ([[721.5, 0, 650], [0, 721.5, 172.9], [0, 0, 1]], KITTI_P, "^$"),
+        ([[721.5, 0, 620], [0, 721.5, 167], [0, 0, 1]], [[700, 0, 620, 0], [0, 700, 170, 0], [0, 0, 1, 0]], "^$"),
+    ],
+)
+def test_images_that_a_converter_rectified(K: Any, P: Any, reason: str) -> None:
+    fields = camera_info(K, stamp_ns=1, width_px=1242, height_px=375, distortion=(-0.37, 0.2, 0, 0, 0), P=P)
+    message = deserialize(raw("/camera_info", "sensor_msgs/msg/CameraInfo", fields, 1))
+    assert re.search(reason, rectified_reason(message))
+
+
+def test_the_frame_of_images_that_a_converter_rectified_is_not_turned() -> None:
+    turn, _ = cv2.Rodrigues(np.array([0.0, 0.0, 0.015]))
+    model, T_model_camera = rectified_camera_model(info(R=turn, P=KITTI_P, frame_id="left"), is_turned=False)
+    assert (T_model_camera.dst, model.frame_id) == ("left", "left")
+    in_pixels = POINTS @ np.array(KITTI_P)[:, :3].T
+    np.testing.assert_allclose(model.project(POINTS)[0] - 0.5, in_pixels[:, :2] / in_pixels[:, 2:], atol=1e-9)

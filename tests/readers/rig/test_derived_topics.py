@@ -43,7 +43,7 @@ def test_lidars(messages: list[RawMessage], used: list[str]) -> None:
     assert topics == used
     assert not findings.faults
     passed_over = {info.topic for info in recording.topics} - {*used}
-    assert {note.split(":")[0] for note in findings.notes} == passed_over
+    assert {note.split(":")[0] for note in findings.notes} - {"lidars"} == passed_over
 
 
 @pytest.mark.parametrize(

@@ -187,13 +187,44 @@ def test_a_camera_needs_camera_info_and_a_transform() -> None:
         ([info("/c/camera_info", "cam")], [], "no transform joins frame 'velo' with 'cam'"),
         ([info("/c/camera_info", "cam", K=np.zeros((3, 3)))], ["cam"], "uncalibrated"),
         ([info("/c/camera_info", "cam", K=K * [[1e6], [1], [1]])], ["cam"], "focal"),
-        ([info("/c/camera_info", "cam", width_px=32, height_px=24)], ["cam"], "64 x 48 px, but"),
+        (
+            [info("/c/camera_info", "cam", width_px=32, height_px=24)],
+            ["cam"],
+            "64 x 48 px, but",
+        ),  # K is not for 32 x 24
+        ([info("/c/camera_info", "cam", width_px=64, height_px=64)], ["cam"], "64 x 48 px, but"),
     ],
 )
 def test_camera_faults_leave_a_rig_of_lidars(calibration: list[RawMessage], edges: list[str], reason: str) -> None:
     found = rig_with(image_message("/c/image_raw", "cam"), *calibration, edges=edges)
     assert found.rig.cameras == ()
     assert reason in reasons(found)["c"]
+
+
+def test_p_is_used_where_k_is_of_another_image() -> None:
+    of_sensor = info("/c/camera_info", "cam", K=np.add(K, [[0, 0, 6], [0, 0, 4], [0, 0, 0]]), P=np.c_[K, [1, 2, 3]])
+    found = rig_with(image_message("/c/image_raw", "cam"), of_sensor)
+    np.testing.assert_array_equal(found.rig.cameras[0].model.K, K)
+    assert found.sources[1].intrinsics == "P of /c/camera_info (no distortion)"
+    assert found.notes[-1].startswith(
+        "c: P of /c/camera_info is used, without distortion: its K is of an image of anoth"
+    )
+
+
+@pytest.mark.parametrize("scale", [0.5, 2 / 3, 4])
+def test_calibrations_of_scaled_images_are_scaled(scale: float) -> None:
+    """Pixel x of an image is (x + 0.5) s - 0.5 of the scaled one."""
+    width, height = round(630 * scale), round(420 * scale)
+    calibration = info(
+        "/c/camera_info", "cam", K=[[500, 0, 312], [0, 500, 204], [0, 0, 1]], width_px=630, height_px=420
+    )
+    found = rig_with(image_message("/c/image_raw", "cam", size=(width, height)), calibration)
+    [camera] = found.rig.cameras
+    assert (camera.model.width_px, camera.model.height_px) == (width, height)
+    expected = np.array([[500 * scale, 0, 312.5 * scale - 0.5], [0, 500 * scale, 204.5 * scale - 0.5], [0, 0, 1]])
+    np.testing.assert_allclose(camera.model.K, expected)
+    assert found.sources[1].intrinsics.endswith(", scaled")
+    assert f"is for 630 x 420 px, its images are {width} x {height}: the calibration is scaled" in found.notes[-1]
 
 
 SIDES = {"left": 1, "right": 0}

@@ -219,3 +219,17 @@ def test_an_outlier_where_another_topic_jumps_back_is_no_jump() -> None:
     assert len(clocks.jumps) == 1
     assert drops == [("b", 999.0, OUTLIER)]
     assert len([stamp for part in parts for stamp in of(part, "b")]) == 19
+
+
+@pytest.mark.parametrize(("begin_s", "dropped"), [(0.0, False), (-5.3, True)])
+def test_simulated_time_begins_at_zero(begin_s: float, dropped: bool) -> None:
+    """Stamps from 0 on while the recorder has the time of day; or a first stamp before the clock was read."""
+    sent = [(0 if k == 0 else round((k / 10 - begin_s) * S), T0_S * S + round((k / 10 + 0.05) * S)) for k in range(5)]
+    messages = [RawMessage(stamp, log, (0, k), b"", CHANNELS["a"]) for k, (stamp, log) in enumerate(sent)]
+    drops, starts = list[Drop](), list[Drop]()
+    clocks = Clocks({}, on_drop=drops.append, on_bad=drops.append, on_start=starts.append)
+    found = [message.stamp_ns for part in clocks.parts(messages) for message in part]
+    assert found == [stamp for stamp, _ in sent[dropped:]]
+    assert [(drop.stamp_ns, drop.reason) for drop in starts] == [(0, ZERO)] * dropped
+    assert not drops
+    assert not clocks.unstamped

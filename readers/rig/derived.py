@@ -1,0 +1,412 @@
+"""Clouds and images that nodes made of a sensor's: a robot that records everything has both.
+
+Nodes hand on the stamp of what they worked on, so clouds, or images, of equal stamps are candidates. Sensors that are
+triggered together, or simulated, have equal stamps as well; frames and contents tell them apart. The points of a
+filtered cloud are among the sensor's to a few millimetres. In the sensor's own frame, or in one above it, points that
+were thinned out or corrected for motion lie near the sensor's. An image that something was drawn on keeps the pattern
+of the camera's, or has no calibration of its own.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from lidcam.pipeline.core.arrays import F32, F64, I64
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.recording import RecordingLimits
+from lidcam.readers.messages.image import decode_any_image
+from lidcam.readers.messages.point_time import TIME_FIELDS
+from lidcam.readers.messages.pointcloud2 import INTENSITY_FIELDS, RING_FIELDS
+from lidcam.readers.messages.registry import decode_as, types_of
+from lidcam.readers.messages.tf import RecordedTransforms
+from lidcam.readers.natural_order import natural_key
+from lidcam.readers.recording import Recording, TopicInfo
+from lidcam.readers.rig.first_messages import FirstMessages
+
+CLOUD, IMAGE = types_of("cloud"), types_of("image")
+
+WORLD_FRAMES = frozenset({"earth", "enu", "map", "odom", "utm", "world"})
+"""Frames that vehicles move in (REP 105), by the first word of their names."""
+
+MAPPING_FRAMES = frozenset({"camera_init", "global", "local"})
+"""Names of such frames in mapping programs."""
+
+COMPUTED_FIELDS = frozenset({"normal_x", "normal_y", "normal_z", "curvature", "rgb", "rgba"})
+"""Fields of clouds that no lidar measures: normals, and colours of a camera."""
+
+LOOK_NS = 1_500_000_000
+"""Log time before and after the first message of the topic that begins last, in which stamps are compared."""
+
+STAMP_NS = 1_000
+"""Largest difference of equal stamps: nodes that keep times as float64 seconds round them."""
+
+ENOUGH = 6
+"""Number of messages of each topic after which no more are read."""
+
+MAX_COMPARED = 40
+"""Largest number of topics that are compared with one another; a robot with everything on has twenty."""
+
+MIN_EQUAL_SHARE = 0.8
+"""Smallest share of a topic's stamps that the sensor's topic has, too."""
+
+SAMPLED = 2000
+"""Number of points of a cloud that are sought in another one."""
+
+SAME_M, NEAR_M = 0.005, 0.5
+"""Cells in which, or beside which, the same point and one of the same surface are sought."""
+
+MIN_SAME, MIN_NEAR = 0.7, 0.8
+"""Smallest shares of the points of a cloud that are found in the one that it was made of."""
+
+MIN_SOME = 0.2
+"""Smallest share of the same points in two clouds of one frame that have as many and as good points."""
+
+MAX_THINNED = 0.5
+"""Largest share of a sensor's points that is left where a cloud was thinned out."""
+
+MIN_POINTS = 50
+"""Points of a sensor's cloud below which they say nothing."""
+
+RUN = 16
+"""Length of the runs of intensities by which copied points are recognised."""
+
+RUN_KEY = np.array([0x9E3779B97F4A7C15 * (2 * place + 1) & 0xFFFFFFFFFFFFFFFF for place in range(RUN)], np.uint64)
+"""(RUN,) factors that make one number of a run."""
+
+MIN_RUNS, MIN_RUNS_RATIO = 0.2, 2.0
+"""Smallest share of runs that copied points keep, and its smallest ratio to that which another sweep has by chance."""
+
+PATTERN_PX = 320
+"""Width at which the patterns of images are compared."""
+
+MIN_PATTERN = 0.8
+"""Smallest correlation of an image's pattern with that of the same image, something drawn on it."""
+
+
+class Seen(NamedTuple):
+    """The messages of a topic over a few seconds."""
+
+    stamps_ns: I64  # (N,) in order
+    log_ns: I64  # (N,) times at which they were recorded
+
+    @property
+    def delay_ns(self) -> float:
+        """Median time between stamp and recording; infinite without messages."""
+        return float(np.median(self.log_ns - self.stamps_ns)) if len(self.stamps_ns) else np.inf
+
+    def shared_with(self, sensor: "Seen") -> list[tuple[int, int]]:
+        """Log times of its messages and of the sensor's of equal stamps."""
+        if not len(sensor.stamps_ns):
+            return []
+        near = np.searchsorted(sensor.stamps_ns, self.stamps_ns - STAMP_NS).clip(max=len(sensor.stamps_ns) - 1)
+        equal = np.abs(sensor.stamps_ns[near] - self.stamps_ns) <= STAMP_NS
+        return list(zip(self.log_ns[equal].tolist(), sensor.log_ns[near[equal]].tolist(), strict=True))
+
+
+def is_world_frame(frame: str, frames: Collection[str], transforms: RecordedTransforms) -> bool:
+    """Whether sensors move in a frame, by its name, or by what moves below it.
+
+    Args:
+        frame: The frame of a cloud.
+        frames: The frames of all clouds and cameras.
+        transforms: The recorded transforms.
+    """
+    name = frame.rpartition("/")[2].lower()
+    if name in MAPPING_FRAMES or name.partition("_")[0] in WORLD_FRAMES:
+        return True
+    others = {other for other in frames if other and other != frame}
+    if any(frame in _beyond_motion(other, transforms) for other in others):
+        return True
+    is_top = frame not in transforms.moving and transforms.fixed.parent(frame) is None
+    is_vehicle = name.startswith("base") or any(transforms.are_joined(frame, other) for other in others)
+    return is_top and frame in transforms.moving.values() and not is_vehicle
+
+
+def _beyond_motion(frame: str, transforms: RecordedTransforms) -> set[str]:
+    """The frames above one that it moves in."""
+    found, passed, moves = set[str](), {frame}, False
+    while True:
+        moves = moves or frame in transforms.moving
+        parent = transforms.moving.get(frame) or transforms.fixed.parent(frame)
+        if parent is None or parent in passed:
+            return found
+        if moves:
+            found.add(parent)
+        passed.add(parent)
+        frame = parent
+
+
+def is_computed(content: Any) -> bool:
+    """Whether a cloud's fields say that it was computed; `content` is its first message."""
+    return bool(COMPUTED_FIELDS & _fields(content))
+
+
+def _fields(content: Any) -> set[str]:
+    return {str(field.name).lower() for field in getattr(content, "fields", ())}
+
+
+class Pair(NamedTuple):
+    """Two topics with messages of one stamp: one that may have been made of the other, a sensor's."""
+
+    topic: str
+    sensor: str  # Or what was made of a sensor's
+    log_ns: int  # When the message of `topic` was recorded
+    sensor_log_ns: int  # When that of `sensor` was
+    other_log_ns: int | None  # When another message of `sensor` was
+
+
+class Contents:
+    """The stamps of some topics of a recording, all of a kind, and the decoded content of single messages."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        topics: Sequence[str],
+        kind: frozenset[str],
+        first: FirstMessages,
+        decode: Callable[[RawMessage], Any],
+    ) -> None:
+        self._recording, self._kind, self._decode = recording, kind, decode
+        self._decoded: dict[tuple[str, int], Any] = {}
+        begin_ns = {topic: first.log_time_ns(topic, kind) for topic in topics}
+        self._seen = _seen(recording, {topic: at_ns for topic, at_ns in begin_ns.items() if at_ns is not None})
+
+    def delay_ns(self, topic: str) -> float:
+        """Median time between stamp and recording; infinite where that is not known."""
+        return self._seen[topic].delay_ns if topic in self._seen else np.inf
+
+    def decoded(self, pair: Pair) -> tuple[Any, Any]:
+        """The decoded messages of a pair.
+
+        Raises:
+            MessageError: one cannot be decoded.
+        """
+        return self.at(pair.topic, pair.log_ns), self.at(pair.sensor, pair.sensor_log_ns)
+
+    def sources(self, ordered: Iterable[str], is_made_of: Callable[[Pair], bool]) -> dict[str, str]:
+        """The topic that each one was made of, empty for sensors; the rawest come first."""
+        sources: dict[str, str] = {}
+        for topic in ordered:
+            before = sorted(sources, key=lambda one: sources[one] != "")  # sensors first
+            found = self._source(topic, before, is_made_of)
+            sources[topic] = sources.get(found) or found
+        return sources
+
+    def _source(self, topic: str, sensors: Sequence[str], is_made_of: Callable[[Pair], bool]) -> str:
+        seen = self._seen.get(topic)
+        if seen is None or not len(seen.stamps_ns):
+            return ""
+        shared = {one: seen.shared_with(self._seen[one]) for one in sensors if one in self._seen}
+        equal = {log_ns for pairs in shared.values() for log_ns, _ in pairs}
+        if len(equal) < MIN_EQUAL_SHARE * len(seen.stamps_ns):
+            return ""
+        for sensor, pairs in shared.items():
+            other_ns = pairs[0][1] if len(pairs) > 1 else None
+            with suppress(MessageError):  # such messages are dropped, and counted, where they are used
+                if pairs and is_made_of(Pair(topic, sensor, *pairs[len(pairs) // 2], other_ns)):
+                    return sensor
+        return ""
+
+    def at(self, topic: str, log_ns: int) -> Any:
+        """The decoded message of a topic that was recorded at a time.
+
+        Raises:
+            MessageError: it cannot be decoded.
+        """
+        if (topic, log_ns) not in self._decoded:
+            messages = self._recording.messages([topic], start_ns=log_ns, stop_ns=log_ns + 1)
+            message = next((one for one in messages if one.channel.msgtype in self._kind), None)
+            if message is None:  # damage that hides it at the second reading
+                raise MessageError(f"{topic}: its message of log time {log_ns} ns is gone")
+            self._decoded[topic, log_ns] = self._decode(message)
+        return self._decoded[topic, log_ns]
+
+
+def _seen(recording: Recording, begin_ns: Mapping[str, int]) -> dict[str, Seen]:
+    """Some messages of topics around the time at which the last of them begins; stamps of zero are none."""
+    if not 2 <= len(begin_ns) <= MAX_COMPARED:
+        return {}
+    at_ns = max(begin_ns.values())
+    found: dict[str, list[tuple[int, int]]] = {topic: [] for topic in begin_ns}
+    for message in recording.messages(begin_ns, start_ns=at_ns - LOOK_NS, stop_ns=at_ns + LOOK_NS):
+        rows = found[message.topic]
+        if message.stamp_ns:
+            rows.append((message.stamp_ns, message.log_time_ns))
+        if len(rows) == ENOUGH and all(len(others) >= ENOUGH for others in found.values()):
+            break
+    times = {topic: np.array(sorted(rows), np.int64).reshape(-1, 2) for topic, rows in found.items()}
+    return {topic: Seen(rows[:, 0], rows[:, 1]) for topic, rows in times.items()}
+
+
+# --- clouds
+
+
+def cloud_sources(
+    recording: Recording,
+    infos: Sequence[TopicInfo],
+    first: FirstMessages,
+    transforms: RecordedTransforms,
+    limits: RecordingLimits,
+) -> dict[str, str]:
+    """The topic that each topic of clouds was made of; empty for the rawest of each lidar.
+
+    Rawest are clouds with times, rings and intensities of points, in a frame below that of others, at the full rate,
+    with the most points, received first.
+    """
+    topics, most = [info.topic for info in infos], max((info.message_count for info in infos), default=0)
+    is_rare = {info.topic: info.message_count < most / 2 for info in infos}
+
+    def decode(message: RawMessage) -> PointCloud:
+        cloud: PointCloud = decode_as("cloud", message, limits=limits)
+        return cloud.select((cloud.xyz != 0).any(1))  # beams without a return say nothing
+
+    contents = Contents(recording, topics, CLOUD, first, decode)
+    frames = {topic: first.frame(topic, CLOUD) for topic in topics}
+
+    def rawness(topic: str) -> tuple[object, ...]:
+        lacks = tuple(not one for one in _measures(topic, first))
+        is_above = any(_is_above(frames[topic], frame, transforms) for frame in frames.values())
+        width, height = first.image_size(topic, CLOUD) or (0, 0)
+        order = -width * height, contents.delay_ns(topic), natural_key(topic)
+        return lacks, is_above, is_rare[topic], *order
+
+    def is_made_of(pair: Pair) -> bool:
+        def is_copied() -> bool:
+            if pair.other_log_ns is None:
+                return False
+            other: PointCloud = contents.at(pair.sensor, pair.other_log_ns)
+            return _shared_runs(made, cloud) >= max(MIN_RUNS, MIN_RUNS_RATIO * _shared_runs(made, other))
+
+        made, cloud = contents.decoded(pair)
+        is_less = _measures(pair.topic, first) < _measures(pair.sensor, first)
+        return _is_cloud_of(made, cloud, transforms, is_less=is_less, is_copied=is_copied)
+
+    return contents.sources(sorted(topics, key=rawness), is_made_of)
+
+
+def _measures(topic: str, first: FirstMessages) -> tuple[bool, ...]:
+    """Whether a topic's points have times, rings and intensities; packets, and points of a driver, have all of them."""
+    content = None if first.missing(topic, CLOUD) else first.decoded(topic, CLOUD)
+    names = _fields(content)
+    is_driven = content is not None and not hasattr(content, "fields")
+    return tuple(is_driven or not names.isdisjoint(one) for one in (TIME_FIELDS, RING_FIELDS, INTENSITY_FIELDS))
+
+
+def _is_above(frame: str, other: str, transforms: RecordedTransforms) -> bool:
+    """Whether a frame is fixed above another one."""
+    return frame != other and transforms.are_joined(frame, other) and frame in transforms.fixed.chain(other)
+
+
+def _is_cloud_of(
+    made: PointCloud,
+    cloud: PointCloud,
+    transforms: RecordedTransforms,
+    *,
+    is_less: bool,
+    is_copied: Callable[[], bool],
+) -> bool:
+    """Whether a cloud was made of that of a sensor at the same stamp.
+
+    Args:
+        made: The cloud.
+        cloud: That of the sensor.
+        transforms: The recorded transforms.
+        is_less: Whether it lacks some of the sensor's fields.
+        is_copied: Whether runs of its intensities are the sensor's.
+    """
+    is_same = made.frame_id == cloud.frame_id != ""
+    if len(made) < RUN or len(cloud) < MIN_POINTS:
+        return is_same
+    is_joined = transforms.are_joined(cloud.frame_id, made.frame_id)
+    points = transforms.lookup(cloud.frame_id, made.frame_id).apply(made.xyz) if is_joined else made.xyz
+    is_less = is_less or len(made) < MAX_THINNED * len(cloud)
+    is_beside = not is_same and is_joined and not _is_above(made.frame_id, cloud.frame_id, transforms)
+    if is_beside and not is_less:  # another lidar's
+        return False
+    shared = max(_found(points, cloud.xyz, SAME_M), _found(cloud.xyz, points, SAME_M))
+    if shared >= MIN_SAME:
+        return True
+    is_likely = (is_less and not is_beside) or (is_same and shared >= MIN_SOME) or is_copied()
+    return is_likely and _found(points, cloud.xyz, NEAR_M) >= MIN_NEAR
+
+
+def _shared_runs(made: PointCloud, cloud: PointCloud) -> float:
+    """Share of the runs of intensities of a cloud that another one has, too: where points were moved, but copied."""
+    runs, of_cloud = (sliding_window_view(one.intensity, RUN) for one in (made, cloud))
+    sample = runs[:: max(len(runs) // SAMPLED, 1)]
+    sample = sample[(np.diff(np.sort(sample, 1)) > 0).sum(1) >= RUN // 2]  # others are found anywhere
+    if len(sample) < MIN_POINTS:
+        return 0.0
+    keys, known = (one.copy().view(np.uint32).astype(np.uint64) @ RUN_KEY for one in (sample, of_cloud))
+    return float(np.isin(keys, known).mean())
+
+
+def _found(points: F32, others: F32, cell_m: float) -> float:
+    """Share of points (N, 3) with one of the others (M, 3) in the same cell, or in one beside it."""
+    sample = points[:: max(len(points) // SAMPLED, 1)]
+    cells = np.unique(_keys(others, cell_m))
+    beside = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3), -1).reshape(-1, 3)
+    sought = _keys(sample[:, None] + cell_m * beside, cell_m)
+    return float(np.isin(sought, cells).any(1).mean())
+
+
+def _keys(points: F32 | F64, cell_m: float) -> I64:
+    """One number for the cell of each point (..., 3)."""
+    cells = np.clip(np.floor(points.astype(np.float64) / cell_m), -(2**19), 2**19).astype(np.int64)
+    x, y, z = np.moveaxis(cells, -1, 0)
+    return np.asarray((x << 42) + (y << 21) + z, np.int64)
+
+
+# --- images
+
+
+def image_sources(
+    recording: Recording,
+    ordered: Sequence[str],
+    first: FirstMessages,
+    limits: RecordingLimits,
+    *,
+    has_info: Callable[[str], bool],
+) -> dict[str, str]:
+    """The topic that each topic of images was made of; empty for the rawest of each camera.
+
+    Rawest are those with a calibration of their own, the largest, the earliest received, then in the order given.
+    `has_info`: whether a topic has a CameraInfo of its own.
+    """
+
+    def pattern(message: RawMessage) -> F64:
+        return _pattern(decode_any_image(message, limits=limits).rgb)
+
+    contents = Contents(recording, ordered, IMAGE, first, pattern)
+
+    def rawness(topic: str) -> tuple[bool, int, float]:
+        width, height = first.image_size(topic, IMAGE) or (0, 0)
+        return not has_info(topic), -width * height, contents.delay_ns(topic)
+
+    def is_made_of(pair: Pair) -> bool:
+        frame, other = first.frame(pair.topic, IMAGE), first.frame(pair.sensor, IMAGE)
+        if has_info(pair.topic) and frame != other:  # two cameras that are triggered together
+            return False
+        if has_info(pair.sensor) and not has_info(pair.topic) and frame == other != "":
+            return True
+        made, image = contents.decoded(pair)
+        return made.shape == image.shape and float((made * image).sum()) >= MIN_PATTERN
+
+    return contents.sources(sorted(ordered, key=rawness), is_made_of)
+
+
+def _pattern(rgb: Any) -> F64:
+    """(H, W) what an image shows apart from its brightness, of unit length; zero where it shows nothing."""
+    import cv2
+
+    width = PATTERN_PX
+    gray = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
+    small = cv2.resize(gray, (width, round(width * rgb.shape[0] / rgb.shape[1])), interpolation=cv2.INTER_AREA)
+    small = small.astype(np.float64)
+    pattern = small - cv2.blur(small, (15, 15))
+    return np.asarray(pattern / max(float(np.linalg.norm(pattern)), 1e-9), np.float64)

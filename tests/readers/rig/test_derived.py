@@ -1,0 +1,315 @@
+"""Recordings of whole robots: what nodes made of clouds and images is no lidar and no camera."""
+
+from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import pytest
+from builders import camera_info, image, pointcloud2, raw, tf_message, transform_stamped
+from memory_recording import MemoryRecording
+from rig_messages import static
+
+from lidcam.pipeline.core.arrays import Array
+from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.rig.discovery import Discovery, discover_rig
+
+START_NS, STEP_NS, SWEEPS = 1_700_000_000 * 10**9, 100_000_000, 12
+RAW = "/velodyne_points"
+OPTICAL = (-0.5, 0.5, -0.5, 0.5)
+
+
+class Sweep(NamedTuple):
+    number: int
+    stamp_ns: int
+    xyz: Array
+    fields: dict[str, Array]  # Intensity, ring and time of each point
+
+    @property
+    def intensity(self) -> dict[str, Array]:
+        return {"intensity": self.fields["intensity"]}
+
+    @property
+    def driven(self) -> Array:
+        return np.array([0.8 * self.number, 0, 0], np.float32)
+
+    @property
+    def deskewed(self) -> Array:
+        return np.asarray(self.xyz + self.fields["time"][:, None] * np.array([8, 0.2, 0], np.float32))
+
+
+def sweep(number: int, seed: int = 0, points: int = 6000) -> Sweep:
+    """A street: ground and two walls, sampled anew in every sweep, in the order of a turning head."""
+    chance = np.random.default_rng((seed, number))
+    ground = np.c_[chance.uniform(-15, 15, (points, 2)), np.full(points, -1.7)]
+    walls = np.c_[chance.uniform(-15, 15, points), chance.choice([-6, 6], points), chance.uniform(-1.7, 1.3, points)]
+    xyz = np.concatenate([ground, walls]).astype(np.float32)
+    xyz = xyz[np.argsort(-np.arctan2(xyz[:, 1], xyz[:, 0]))]
+    n = len(xyz)
+    fields: dict[str, Array] = {
+        "intensity": chance.uniform(0, 255, n).astype(np.float32),
+        "ring": chance.integers(0, 32, n).astype(np.uint16),
+        "time": np.linspace(0, 0.1, n).astype(np.float32),
+    }
+    return Sweep(number, START_NS + number * STEP_NS, xyz, fields)
+
+
+def cloud(
+    topic: str,
+    one: Sweep,
+    xyz: Array,
+    frame: str,
+    fields: Mapping[str, Array] = MappingProxyType({}),
+    *,
+    late_ms: float = 30,
+    shift_ns: int = 0,
+) -> RawMessage:
+    """A cloud that was recorded so long after the end of the sweep."""
+    stamp_ns, log_ns = one.stamp_ns + shift_ns, one.stamp_ns + STEP_NS + round(late_ms * 1e6)
+    points = np.asarray(xyz, np.float32)
+    content = pointcloud2(points, stamp_ns=stamp_ns, frame_id=frame, **fields)  # type: ignore[arg-type]  # columns
+    return raw(topic, "sensor_msgs/msg/PointCloud2", content, stamp_ns, log_ns)
+
+
+def moved(one: Sweep, parent: str, child: str) -> RawMessage:
+    edge = transform_stamped(parent, child, stamp_ns=one.stamp_ns, translation=one.driven.tolist())
+    return raw("/tf", "tf2_msgs/msg/TFMessage", tf_message([edge]), one.stamp_ns)
+
+
+def thinned(xyz: Array, cell_m: float) -> Array:
+    """The means of the points of each cell."""
+    _, cells = np.unique(np.floor(xyz / cell_m), axis=0, return_inverse=True)
+    counts = np.bincount(cells.ravel())
+    return np.stack([np.bincount(cells.ravel(), axis) / counts for axis in xyz.T], 1)
+
+
+def computed(xyz: Array) -> dict[str, Array]:
+    return {name: np.zeros(len(xyz), np.float32) for name in ("normal_x", "normal_y", "normal_z", "curvature")}
+
+
+def fast_lio(one: Sweep) -> Iterable[RawMessage]:
+    world, body = one.deskewed + one.driven, one.deskewed + np.array([0.04, 0.02, -0.03], np.float32)
+    fields = one.intensity | computed(world)
+    yield cloud("/cloud_registered", one, world, "camera_init", fields, shift_ns=STEP_NS)
+    yield cloud("/cloud_registered_body", one, body, "body", fields, shift_ns=STEP_NS)
+    yield cloud("/Laser_map", one, np.concatenate([world] * 3), "camera_init", shift_ns=STEP_NS)
+    yield moved(one, "camera_init", "body")
+
+
+def lio_sam(one: Sweep) -> Iterable[RawMessage]:
+    rounded = int(np.float64(one.stamp_ns / 1e9) * 1e9) - one.stamp_ns
+    kept = np.hypot(*one.deskewed[:, :2].T) > 3
+    own = {"intensity": one.fields["intensity"][kept]}
+    yield cloud("/lio_sam/deskew/cloud_deskewed", one, one.deskewed[kept], "lidar_link", own, shift_ns=rounded)
+    few = thinned(one.deskewed, 0.4)
+    yield cloud("/lio_sam/feature/cloud_surface", one, few, "lidar_link", shift_ns=rounded)
+    yield cloud("/lio_sam/mapping/cloud_registered", one, one.deskewed + one.driven, "odom", shift_ns=rounded)
+    yield from (moved(one, "odom", "base_link"), moved(one, "map", "odom"))
+
+
+def autoware(one: Sweep) -> Iterable[RawMessage]:
+    kept, rest = np.abs(one.xyz[:, 0]) > 2.2, np.arange(len(one.xyz)) % 11 > 0
+    to_base = np.array([1.2, 0, 1.9], np.float32)
+    all_fields = {name: column[kept] for name, column in one.fields.items()}
+    yield cloud("/sensing/lidar/top/self_cropped/pointcloud_ex", one, one.xyz[kept] + to_base, "base_link", all_fields)
+    rectified = one.deskewed[kept] + to_base
+    yield cloud("/sensing/lidar/top/rectified/pointcloud_ex", one, rectified, "base_link", all_fields)
+    own = {"intensity": one.fields["intensity"][kept & rest]}
+    left = one.deskewed[kept & rest] + to_base
+    yield cloud("/sensing/lidar/top/outlier_filtered/pointcloud", one, left, "base_link", own)
+    yield cloud("/sensing/lidar/concatenated/pointcloud", one, left, "base_link", own, late_ms=60)
+    yield cloud("/perception/obstacles", one, left[left[:, 2] > 0.5], "base_link", late_ms=80)
+    yield cloud("/util/downsample/pointcloud", one, thinned(left, 1.5), "base_link", late_ms=90)
+
+
+def in_its_frame(one: Sweep) -> Iterable[RawMessage]:
+    low = one.xyz[:, 2] < -1.5
+    yield cloud("/a_filtered", one, one.xyz[::2], "velodyne")
+    yield cloud("/ground", one, one.xyz[low], "velodyne")
+    yield cloud("/obstacles", one, one.xyz[~low], "velodyne")
+    yield cloud("/clusters", one, one.xyz[: 20 * (one.number % 3)], "velodyne")
+
+
+def in_slam_origin(one: Sweep) -> Iterable[RawMessage]:
+    yield cloud("/local_map", one, one.xyz + one.driven, "slam_origin")
+    yield moved(one, "slam_origin", "tracker")
+
+
+def of_a_stereo_camera(one: Sweep) -> Iterable[RawMessage]:
+    yield cloud("/oak/points", one, one.xyz[::7] + 0.1, "oak_right_camera_optical_frame")
+
+
+def maps(one: Sweep) -> Iterable[RawMessage]:
+    if one.number == 3:
+        yield cloud("/map", one, one.xyz, "map")
+        yield cloud("/prior_cloud", one, one.xyz, "prior")
+
+
+def second_lidar(one: Sweep) -> Iterable[RawMessage]:
+    other = sweep(one.number, 1)
+    yield cloud("/left/points", one, other.xyz - np.array([0, 0.5, 0], np.float32), "left", other.fields)
+
+
+def beside_in_its_frame(one: Sweep) -> Iterable[RawMessage]:
+    """A second lidar whose driver writes the same frame: it sees the same street, but not the same points."""
+    other = sweep(one.number, 1)
+    yield cloud("/left/points", one, other.xyz, "velodyne", other.fields)
+
+
+def front_and_rear(one: Sweep) -> Iterable[RawMessage]:
+    """Of one frame and stamp: of different directions."""
+    for topic, side in (("/front_points", 1), ("/rear_points", -1)):
+        yield cloud(topic, one, one.xyz[side * one.xyz[:, 0] > 0], "velodyne")
+
+
+def merged(one: Sweep) -> Iterable[RawMessage]:
+    """Two simulated lidars without times and rings, and both in one cloud."""
+    other = sweep(one.number, 1)
+    yield cloud("/left/points", one, other.xyz - np.array([0, 0.5, 0], np.float32), "left", other.intensity)
+    both = np.concatenate([one.xyz, other.xyz]) + np.array([1.2, 0, 1.9], np.float32)
+    yield cloud("/merged", one, both, "base_link", late_ms=40)
+
+
+VELODYNE, LEFT, LINK = (
+    ("base_link", "velodyne", (1.2, 0, 1.9)),
+    ("base_link", "left", (1.2, 0.5, 1.9)),
+    ("base_link", "lidar_link", (0, 0, 0)),
+)
+
+
+@pytest.mark.parametrize(
+    ("made", "is_full", "edges", "others"),
+    [
+        (fast_lio, True, [], []),
+        (fast_lio, False, [], []),
+        (lio_sam, True, [LINK], []),
+        (lio_sam, False, [LINK], []),
+        (lio_sam, True, [LINK, ("lidar_link", "velodyne", (0, 0, 0))], []),
+        (autoware, True, [VELODYNE], []),
+        (in_its_frame, True, [], []),
+        (in_its_frame, False, [], []),
+        (in_slam_origin, True, [VELODYNE], []),
+        (of_a_stereo_camera, True, [VELODYNE], []),
+        (maps, True, [VELODYNE], []),
+        (second_lidar, True, [VELODYNE, LEFT], ["/left/points"]),
+        (beside_in_its_frame, True, [VELODYNE, LEFT], ["/left/points"]),
+        (merged, False, [VELODYNE, LEFT], ["/left/points"]),
+    ],
+)
+def test_the_lidars(
+    made: Callable[[Sweep], Iterable[RawMessage]], edges: Any, others: list[str], *, is_full: bool
+) -> None:
+    found = discover([*recorded(made, is_full=is_full), static(*edges)])
+    assert [lidar.topic for lidar in found.rig.lidars] == [*others, RAW]
+    assert [camera.name for camera in found.rig.cameras] == ["camera"]
+    assert found.faults == ()
+    if made not in {second_lidar, beside_in_its_frame}:
+        assert found.notes[-1] == f"lidars: {', '.join([*others, RAW])}; to choose others: " + (
+            f"--set 'topics.lidars=[{','.join([*others, RAW])}]'"
+        )
+
+
+def recorded(made: Callable[[Sweep], Iterable[RawMessage]], *, is_full: bool = True) -> list[RawMessage]:
+    """A lidar, with times and rings of points or without, a camera that is fixed to it, and what was made of both."""
+    messages = [camera_edge("velodyne", "cam")]
+    for number in range(SWEEPS):
+        one = sweep(number)
+        messages.append(cloud(RAW, one, one.xyz, "velodyne", one.fields if is_full else one.intensity, late_ms=0))
+        messages += [
+            picture("/camera/image_raw", one, "cam"),
+            calibration("/camera/camera_info", one, "cam"),
+            *made(one),
+        ]
+    return messages
+
+
+def discover(messages: list[RawMessage]) -> Discovery:
+    return discover_rig(MemoryRecording(messages), Config())
+
+
+def camera_edge(parent: str, child: str) -> RawMessage:
+    return static(transform_stamped(parent, child, stamp_ns=5, translation=(0.5, 0, -0.2), rotation_xyzw=OPTICAL))
+
+
+def test_lidars_of_one_stamp_and_one_frame_look_elsewhere() -> None:
+    messages = [message for message in recorded(front_and_rear) if message.topic != RAW]
+    assert [lidar.topic for lidar in discover(messages).rig.lidars] == ["/front_points", "/rear_points"]
+
+
+def test_without_the_sensor_the_clouds_that_were_made_of_it_are_used() -> None:
+    messages = [message for message in recorded(fast_lio) if message.topic != RAW]
+    assert [lidar.topic for lidar in discover(messages).rig.lidars] == ["/cloud_registered_body"]
+
+
+# --- cameras
+
+
+def texture(number: int) -> Array:
+    chance = np.random.default_rng(number)
+    return cv2.resize(chance.integers(0, 255, (24, 32, 3), np.uint8), (320, 240), interpolation=cv2.INTER_CUBIC)
+
+
+def picture(topic: str, one: Sweep, frame: str, pixels: Array | None = None) -> RawMessage:
+    shown = texture(one.number) if pixels is None else pixels
+    fields = image(shown, stamp_ns=one.stamp_ns, frame_id=frame)
+    return raw(
+        topic, "sensor_msgs/msg/Image", fields, one.stamp_ns, one.stamp_ns + (1 if pixels is None else 40) * 10**6
+    )
+
+
+def calibration(topic: str, one: Sweep, frame: str, share: float = 1.0) -> RawMessage:
+    K = np.diag([share, share, 1]) @ [[300.0, 0, 160], [0, 300, 120], [0, 0, 1]]
+    size = {"width_px": round(320 * share), "height_px": round(240 * share)}
+    fields = camera_info(K, stamp_ns=one.stamp_ns, frame_id=frame, **size)  # type: ignore[arg-type]  # numbers
+    return raw(topic, "sensor_msgs/msg/CameraInfo", fields, one.stamp_ns)
+
+
+def drawn_on(one: Sweep) -> Array:
+    shown = texture(one.number).copy()
+    for left in range(20, 300, 80):
+        cv2.rectangle(shown, (left, 60), (left + 50, 160), (255, 0, 0), 2)
+    return shown
+
+
+def debug_image(frame: str) -> Callable[[Sweep], Iterable[RawMessage]]:
+    return lambda one: [picture("/yolo/debug_image", one, frame, drawn_on(one))]
+
+
+def colored_mask(one: Sweep) -> Iterable[RawMessage]:
+    yield picture("/segnet/output", one, "cam", cv2.blur(texture(one.number), (61, 61)))
+
+
+def resized(one: Sweep) -> Iterable[RawMessage]:
+    yield picture(
+        "/small/image_raw", one, "cam", cv2.resize(texture(one.number), (160, 120), interpolation=cv2.INTER_AREA)
+    )
+    yield calibration("/small/camera_info", one, "cam", 0.5)
+
+
+def right(frame: str, shift_px: int) -> Callable[[Sweep], Iterable[RawMessage]]:
+    def of_sweep(one: Sweep) -> Iterable[RawMessage]:
+        yield picture("/right/image_raw", one, frame, np.roll(texture(one.number), shift_px, 1))
+        yield calibration("/right/camera_info", one, frame)
+
+    return of_sweep
+
+
+@pytest.mark.parametrize(
+    ("made", "cameras"),
+    [
+        (debug_image("cam"), ["camera"]),
+        (debug_image(""), ["camera"]),
+        (colored_mask, ["camera"]),
+        (resized, ["camera"]),
+        (right("cam", 12), ["camera", "right"]),  # frames of stereo pairs are that of the left camera
+        (right("cam_right", 0), ["camera", "right"]),
+    ],
+)
+def test_the_cameras(made: Callable[[Sweep], Iterable[RawMessage]], cameras: list[str]) -> None:
+    found = discover([*recorded(made), camera_edge("velodyne", "cam_right")])
+    assert [camera.name for camera in found.rig.cameras] == cameras
+    assert found.faults == ()
+    if len(cameras) == 1:
+        assert found.notes[-1].endswith("--set 'topics.cameras=[/camera/image_raw]'")
