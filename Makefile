@@ -6,6 +6,7 @@
 # make coverage the tests once more, with the share of the lines that they run
 # make fuzz     hostile inputs for every decoder, MINUTES=15 of them (Linux)
 # make campaign signals, kills, damaged and hostile inputs: MINUTES=30 of them (Linux)
+# make sanitize what the native module does, under the sanitizers of GCC for addresses and undefined behaviour
 # make golden   write the golden results anew, after a change that is meant
 # make samples  record the sample recordings in bags/ anew
 # make bench    docs/performance.md anew: speed beside other programs, and memory
@@ -31,7 +32,7 @@ COMPILE = UV_CUSTOM_COMPILE_COMMAND='make locks' $(UV) pip compile --quiet --uni
 # Where this is set, as in some containers, each of the hundreds of programs that the tests start compiles all sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo gate golden quick test check pytest coverage fuzz campaign samples bench numbers site locks
+.PHONY: demo gate golden quick test check pytest coverage fuzz campaign sanitize samples bench numbers site locks
 .DELETE_ON_ERROR:
 
 $(PACKAGES): constraints-run.txt
@@ -120,6 +121,13 @@ bench: $(INSTALLED_ALL)
 
 numbers: $(INSTALLED_ALL)
 	$(BIN)/python benchmarks/measured/numbers_page.py
+
+sanitize: $(INSTALLED_ALL)
+	@rm $(INSTALLED)
+	CFLAGS='-fsanitize=address,undefined -O1' LDFLAGS='-fsanitize=address,undefined' $(PIP) install --no-build-isolation --no-deps --editable .
+	LD_PRELOAD="$$(g++ -print-file-name=libasan.so) $$(g++ -print-file-name=libubsan.so)" UBSAN_OPTIONS=halt_on_error=1 \
+		ASAN_OPTIONS=detect_leaks=0:allocator_may_return_null=1 $(BIN)/pytest -q -s $(addprefix tests/pipeline/,core detectors filters fusion)
+	$(MAKE) $(INSTALLED)
 
 site: $(INSTALLED_ALL)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --site-dir out/site
