@@ -20,6 +20,7 @@ FAINT_TEXT: Color = (150, 156, 166)
 
 _PLATE_OPACITY = 0.62
 _WEIGHT = 500
+_STROKES = cv2.FONT_HERSHEY_SIMPLEX
 _BITS = 4
 """Of a fraction of a pixel: OpenCV draws at fixed-point places."""
 
@@ -86,12 +87,21 @@ class Canvas:
         """A text whose line ends at the bottom at `y`, with this share of its width left of `x`."""
         x -= share * self.text_width_px(text)
         at = (round(x), round(y - 0.2 * self._letter_px))
-        cv2.putText(self.pixels, visible(text), at, color, _font(), self._letter_px, _WEIGHT)
+        if font := _font():
+            cv2.putText(self.pixels, visible(text), at, color, font, self._letter_px, _WEIGHT)
+        else:
+            cv2.putText(self.pixels, _ascii(text), at, _STROKES, self._strokes_scale, color, 1, cv2.LINE_AA)
 
     def text_width_px(self, text: str) -> int:
         """Width of a text."""
-        _, _, width, _ = cv2.getTextSize((1 << 14, 1 << 10), visible(text), (0, 0), _font(), self._letter_px, _WEIGHT)
-        return int(width)
+        if font := _font():
+            image_px = (1 << 14, 1 << 10)
+            return int(cv2.getTextSize(image_px, visible(text), (0, 0), font, self._letter_px, _WEIGHT)[2])
+        return int(cv2.getTextSize(_ascii(text), _STROKES, self._strokes_scale, 1)[0][0])
+
+    @property
+    def _strokes_scale(self) -> float:
+        return cv2.getFontScaleFromHeight(_STROKES, round(0.7 * self._letter_px))
 
     def labels(self, labels: Sequence[Label]) -> None:
         """Texts on dark plates. None covers another: it moves up or down a line, or is left out."""
@@ -113,9 +123,14 @@ class Canvas:
 
 
 @cache
-def _font() -> cv2.FontFace:
-    """A font that is part of OpenCV and has the letters of many scripts; it takes a while to load."""
-    return cv2.FontFace("uni")
+def _font() -> "cv2.FontFace | None":
+    """A font that is part of OpenCV 5 and has the letters of many scripts; it takes a while to load."""
+    return cv2.FontFace("uni") if hasattr(cv2, "FontFace") else None
+
+
+def _ascii(text: str) -> str:
+    """A text as far as OpenCV 4 has letters: those of ASCII."""
+    return visible(text).encode("ascii", "replace").decode()
 
 
 def _fixed(points: npt.ArrayLike) -> npt.NDArray[np.int32]:
