@@ -25,7 +25,7 @@ from lidcam.outputs.open import how_to_open, make_pages, open_outputs, open_writ
 from lidcam.outputs.provenance import input_files, provenance_of, read_named_files
 from lidcam.outputs.writers import drawn_scenes
 from lidcam.pipeline.core.errors import RecordingError, short_memory_told
-from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.frame import FrameResult, SensorBundle
 from lidcam.pipeline.parallel.cores import usable_cores
 from lidcam.pipeline.parallel.process import WorkerProcess, copied_workers
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
@@ -194,7 +194,7 @@ class Run:
         )
         self._make_graph = partial(build_graph, source.config, source.rig, known, on_bad=drops.on_bad)
         self._graph, self._result = self._make_graph()
-        self._graph.seconds["first look"] = first_look_s
+        self._graph.seconds = {"first look": first_look_s, "read": 0.0, **self._graph.seconds}
         self._tracker = object_tracker(decided(source.config, source.rig), source.rig)
         check_box_source(source.config, source.recording, source.rig)
         self._processes: Sequence[WorkerProcess] = ()
@@ -231,9 +231,10 @@ class Run:
                 for writer in writers:
                     with graph.stage(f"write {writer.name}", frame.bundle):
                         frame = _written(frame, writer)
-                self._tally.add_frame(frame)
-                for check in self._checks:
-                    check.add_frame(frame)
+                with graph.stage("count and check", frame.bundle):
+                    self._tally.add_frame(frame)
+                    for check in self._checks:
+                        check.add_frame(frame)
                 for drop in frame.drops:
                     self._drops.count_bad(drop)
                 bundle, objects = frame.bundle, len(frame.fused.objects)
@@ -254,13 +255,23 @@ class Run:
     def _stages(self) -> Generator[FrameResult, None, None]:
         return results(
             (self._graph, self._result),
-            bundles(self.source, self._drops, self._stats, self._clocks),
+            self._read(),
             self.source,
             make_graph=self._make_graph,
             workers=self._workers,
             expected=expected_frames(self.source),
             started=self._processes,
         )
+
+    def _read(self) -> Iterator[SensorBundle]:
+        found = bundles(self.source, self._drops, self._stats, self._clocks)
+        while True:
+            started = time.perf_counter()
+            bundle = next(found, None)
+            self._graph.seconds["read"] += time.perf_counter() - started
+            if bundle is None:
+                return
+            yield bundle
 
     @property
     def progress(self) -> RunProgress:

@@ -34,7 +34,7 @@ WAYS = {"": (), ", clusters alone": SAME_STAGES}
 """Options of lidcam by the end of its row's name; each is a row of its own."""
 
 STAGES = {
-    "read": (("read",), ()),
+    "read": (("read",), ("read",)),
     "decode clouds": (("decode clouds",), ("decode clouds",)),
     "outliers and ground": (("outliers", "ground"), ("combine",)),
     "3D boxes": (("clusters",), ("detect 3D",)),
