@@ -63,8 +63,8 @@ SAME_M, NEAR_M = 0.001, 0.5
 MIN_SAME, MIN_NEAR = 0.9, 0.8
 """Smallest shares of the points of a cloud that are found in the one that it was made of."""
 
-MIN_FARTHER, MAX_THINNED = 1.4, 0.5
-"""Smallest ratio of median ranges, and largest of points, of a cloud that was thinned out: near points are dense."""
+MIN_WIDER, MAX_THINNED = 1.4, 0.5
+"""Smallest ratio of spreads, and largest of points, of a cloud that was thinned out: points near a lidar are dense."""
 
 RUN, MIN_SAMPLED_RUNS = 16, 50
 """Length of the runs of intensities by which copied points are recognised, and the fewest that say something."""
@@ -102,23 +102,29 @@ class Seen(NamedTuple):
         return list(zip(self.log_ns[equal].tolist(), sensor.log_ns[near[equal]].tolist(), strict=True))
 
 
-def is_world_frame(frame: str, frames: Collection[str], transforms: RecordedTransforms) -> bool:
+def is_world_frame(
+    frame: str, frames: Collection[str], transforms: RecordedTransforms, *, is_measured: bool = False
+) -> bool:
     """Whether sensors move in a frame, by its name, or by what moves below it.
 
     Args:
         frame: The frame of a cloud.
-        frames: The frames of all clouds and cameras.
+        frames: The frames of all clouds.
         transforms: The recorded transforms.
+        is_measured: Whether its points have times or rings: vehicles carry lidars on trailers and arms, too.
     """
-    name = frame.rpartition("/")[2].lower()
-    if name in MAPPING_FRAMES or name.partition("_")[0] in WORLD_FRAMES:
-        return True
     others = {other for other in frames if other and other != frame}
+    is_joined = any(transforms.are_joined(frame, other) for other in others)
+    name = frame.rpartition("/")[2].lower()
+    if name.startswith("base") or (is_measured and is_joined):
+        return False
+    is_named = name in MAPPING_FRAMES or name.partition("_")[0] in WORLD_FRAMES
+    if is_named or is_measured:
+        return is_named
     if any(frame in _beyond_motion(other, transforms) for other in others):
         return True
     is_top = frame not in transforms.moving and transforms.fixed.parent(frame) is None
-    is_vehicle = name.startswith("base") or any(transforms.are_joined(frame, other) for other in others)
-    return is_top and frame in transforms.moving.values() and not is_vehicle
+    return is_top and frame in transforms.moving.values() and not is_joined
 
 
 def _beyond_motion(frame: str, transforms: RecordedTransforms) -> set[str]:
@@ -286,10 +292,15 @@ def cloud_sources(
         made, cloud = contents.decoded(pair)
         if not len(made) or not len(cloud):
             return None
-        is_poor = not any(_measures(pair.topic, first)[:2]) and any(_measures(pair.sensor, first)[:2])
+        is_poor = not is_measured(pair.topic, first) and is_measured(pair.sensor, first)
         return _is_cloud_of(made, cloud, transforms, is_poor=is_poor, is_copied=is_copied)
 
     return contents.sources(sorted(topics, key=rawness), is_made_of)
+
+
+def is_measured(topic: str, first: FirstMessages) -> bool:
+    """Whether a topic's points have times or rings, which nodes seldom hand on."""
+    return any(_measures(topic, first)[:2])
 
 
 def _measures(topic: str, first: FirstMessages) -> tuple[bool, ...]:
@@ -330,12 +341,13 @@ def _is_cloud_of(
         if made.frame_id != cloud.frame_id and not _is_above(made.frame_id, cloud.frame_id, transforms):
             return False  # another lidar's
         is_few = len(made) < MAX_THINNED * len(cloud) or not made.intensity.any()
-        is_thinned = (is_poor and is_few) or _range_m(points) >= MIN_FARTHER * _range_m(cloud.xyz)
+        is_thinned = (is_poor and is_few) or _spread_m(made.xyz) >= MIN_WIDER * _spread_m(cloud.xyz)
     return (is_thinned or is_copied()) and _found(points, cloud.xyz, NEAR_M) >= MIN_NEAR
 
 
-def _range_m(points: F32) -> float:
-    return float(np.median(np.linalg.norm(points, axis=1)))
+def _spread_m(points: F32) -> float:
+    """Median distance from the middle of points."""
+    return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
 
 
 def _shared_runs(made: PointCloud, cloud: PointCloud) -> float:

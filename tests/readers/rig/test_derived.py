@@ -179,6 +179,18 @@ def without_times(one: Sweep) -> Iterable[RawMessage]:
     yield cloud("/left/points", one, other.xyz, "velodyne", other.intensity)
 
 
+def in_the_map(one: Sweep) -> Iterable[RawMessage]:
+    """A second lidar at the roadside, whose driver writes the frame of the site."""
+    other = sweep(one.number, 1)
+    yield cloud("/left/points", one, other.xyz + np.array([20, 0, 0], np.float32), "map", other.fields)
+
+
+def on_a_trailer(one: Sweep) -> Iterable[RawMessage]:
+    other = sweep(one.number, 1)
+    yield cloud("/trailer/points", one, other.xyz, "trailer", other.fields)
+    yield moved(one, "velodyne", "trailer")
+
+
 def front_and_rear(one: Sweep) -> Iterable[RawMessage]:
     """Of one frame and stamp: of different directions."""
     for topic, side in (("/front_points", 1), ("/rear_points", -1)):
@@ -218,6 +230,7 @@ VELODYNE, LEFT, LINK = (
         (of_the_same_kind, True, [VELODYNE], ["/left/points"]),
         (with_fewer_beams, True, [VELODYNE], ["/left/points"]),
         (without_times, True, [VELODYNE], ["/left/points"]),
+        (in_the_map, True, [VELODYNE, ("map", "base_link", (0, 0, 0))], ["/left/points"]),
         (merged, False, [VELODYNE, LEFT], ["/left/points"]),
     ],
 )
@@ -259,6 +272,12 @@ def camera_edge(parent: str, child: str) -> RawMessage:
 def test_lidars_of_one_stamp_and_one_frame_look_elsewhere() -> None:
     messages = [message for message in recorded(front_and_rear) if message.topic != RAW]
     assert [lidar.topic for lidar in discover(messages).rig.lidars] == ["/front_points", "/rear_points"]
+
+
+def test_a_lidar_whose_frame_carries_another_is_used() -> None:
+    found = discover([*recorded(on_a_trailer), static(VELODYNE)])
+    assert [lidar.topic for lidar in found.rig.lidars] == [RAW]
+    assert [fault.topic for fault in found.faults] == ["/trailer/points"]
 
 
 def test_without_the_sensor_the_clouds_that_were_made_of_it_are_used() -> None:
