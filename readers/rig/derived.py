@@ -290,7 +290,7 @@ def cloud_sources(
             return _shared_runs(made, cloud) >= max(MIN_RUNS, MIN_RUNS_RATIO * _shared_runs(made, other))
 
         made, cloud = contents.decoded(pair)
-        if not len(made) or not len(cloud):
+        if min(len(made), len(cloud)) < RUN:
             return None
         is_poor = not is_measured(pair.topic, first) and is_measured(pair.sensor, first)
         return _is_cloud_of(made, cloud, transforms, is_poor=is_poor, is_copied=is_copied)
@@ -327,7 +327,7 @@ def _is_cloud_of(
     """Whether a cloud was made of that of a sensor at the same stamp; in doubt it was not.
 
     Args:
-        made: The cloud; it has points.
+        made: The cloud.
         cloud: That of the sensor.
         transforms: The recorded transforms.
         is_poor: Whether it has neither times nor rings of points, but the sensor has.
