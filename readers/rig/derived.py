@@ -30,11 +30,8 @@ from lidcam.readers.rig.first_messages import FirstMessages
 
 CLOUD, IMAGE = types_of("cloud"), types_of("image")
 
-WORLD_FRAMES = frozenset({"earth", "enu", "map", "odom", "utm", "world"})
-"""Frames that vehicles move in (REP 105), by the first word of their names."""
-
-MAPPING_FRAMES = frozenset({"camera_init", "global", "local"})
-"""Names of such frames in mapping programs."""
+WORLD_FRAMES = frozenset({"camera_init", "earth", "enu", "global", "local", "map", "odom", "utm", "world"})
+"""Frames that vehicles move in (REP 105, and mapping programs), by their names or the first words of these."""
 
 COMPUTED_FIELDS = frozenset({"normal_x", "normal_y", "normal_z", "curvature", "rgb", "rgba"})
 """Fields of clouds that no lidar measures: normals, and colours of a camera."""
@@ -118,7 +115,7 @@ def is_world_frame(
     name = frame.rpartition("/")[2].lower()
     if name.startswith("base") or (is_measured and is_joined):
         return False
-    is_named = name in MAPPING_FRAMES or name.partition("_")[0] in WORLD_FRAMES
+    is_named = not WORLD_FRAMES.isdisjoint({name, name.partition("_")[0]})
     if is_named or is_measured:
         return is_named
     if any(frame in _beyond_motion(other, transforms) for other in others):
@@ -129,16 +126,14 @@ def is_world_frame(
 
 def _beyond_motion(frame: str, transforms: RecordedTransforms) -> set[str]:
     """The frames above one that it moves in."""
-    found, passed, moves = set[str](), {frame}, False
-    while True:
+    found, passed, moves = set[str](), set[str](), False
+    while frame and frame not in passed:
+        passed.add(frame)
         moves = moves or frame in transforms.moving
-        parent = transforms.moving.get(frame) or transforms.fixed.parent(frame)
-        if parent is None or parent in passed:
-            return found
-        if moves:
-            found.add(parent)
-        passed.add(parent)
-        frame = parent
+        frame = transforms.moving.get(frame) or transforms.fixed.parent(frame) or ""
+        if moves and frame:
+            found.add(frame)
+    return found
 
 
 def is_computed(content: Any) -> bool:
@@ -179,14 +174,6 @@ class Contents:
     def delay_ns(self, topic: str) -> float:
         """Median time between stamp and recording; infinite where that is not known."""
         return self._seen[topic].delay_ns if topic in self._seen else np.inf
-
-    def decoded(self, pair: Pair) -> tuple[Any, Any]:
-        """The decoded messages of a pair.
-
-        Raises:
-            MessageError: one cannot be decoded.
-        """
-        return self.at(pair.topic, pair.log_ns), self.at(pair.sensor, pair.sensor_log_ns)
 
     def sources(self, ordered: Iterable[str], is_made_of: Callable[[Pair], bool | None]) -> dict[str, str]:
         """The topic that each one was made of, empty for sensors; the rawest come first.
@@ -289,7 +276,7 @@ def cloud_sources(
             other: PointCloud = contents.at(pair.sensor, pair.other_log_ns)
             return _shared_runs(made, cloud) >= max(MIN_RUNS, MIN_RUNS_RATIO * _shared_runs(made, other))
 
-        made, cloud = contents.decoded(pair)
+        made, cloud = contents.at(pair.topic, pair.log_ns), contents.at(pair.sensor, pair.sensor_log_ns)
         if min(len(made), len(cloud)) < RUN:
             return None
         is_poor = not is_measured(pair.topic, first) and is_measured(pair.sensor, first)
@@ -326,12 +313,7 @@ def _is_cloud_of(
 ) -> bool:
     """Whether a cloud was made of that of a sensor at the same stamp; in doubt it was not.
 
-    Args:
-        made: The cloud.
-        cloud: That of the sensor.
-        transforms: The recorded transforms.
-        is_poor: Whether it has neither times nor rings of points, but the sensor has.
-        is_copied: Whether runs of its intensities are the sensor's.
+    `is_poor`: it has neither times nor rings, the sensor has; `is_copied`: runs of its intensities are the sensor's.
     """
     points, is_thinned = made.xyz, False
     if made.frame_id and transforms.are_joined(cloud.frame_id, made.frame_id):
@@ -412,7 +394,7 @@ def image_sources(
             return False
         if has_info(pair.sensor) and not has_info(pair.topic) and frame == other != "":
             return True
-        made, image = contents.decoded(pair)
+        made, image = contents.at(pair.topic, pair.log_ns), contents.at(pair.sensor, pair.sensor_log_ns)
         least = MIN_COPY if has_info(pair.topic) else MIN_PATTERN  # pairs of stereo cameras share a frame
         return float((made * image).sum()) >= least
 
