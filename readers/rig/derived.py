@@ -136,9 +136,10 @@ def _beyond_motion(frame: str, transforms: RecordedTransforms) -> set[str]:
     return found
 
 
-def is_computed(content: Any) -> bool:
-    """Whether a cloud's fields say that it was computed; `content` is its first message."""
-    return bool(COMPUTED_FIELDS & _fields(content))
+def is_computed(topic: str, first: FirstMessages) -> bool:
+    """Whether a topic's fields say that its clouds were computed; lidars with a camera have colours, too, and rings."""
+    computed = not first.missing(topic, CLOUD) and COMPUTED_FIELDS & _fields(first.decoded(topic, CLOUD))
+    return bool(computed) and not is_measured(topic, first)
 
 
 def _fields(content: Any) -> set[str]:

@@ -247,7 +247,7 @@ def _hand_of_cloud(
             return 4, "a single message"
         if frame.endswith(OPTICAL):
             return 3, f"in {frame}, the frame of a camera"
-        if not first.missing(info.topic, CLOUD) and is_computed(first.decoded(info.topic, CLOUD)):
+        if is_computed(info.topic, first):
             return 3, "its fields are computed ones"
         return (2, MADE) if info.topic in MADE_OF_OTHERS else (1, MADE) if info.part_of else (0, "")
 

@@ -148,12 +148,12 @@ def maps(one: Sweep) -> Iterable[RawMessage]:
 
 
 def beside(frame: str, x_m: float = 0, points: int = 12000, *, is_full: bool = True) -> Made:
-    """A second lidar: it sees the same street, but not the same points."""
+    """A second lidar, one with a camera inside: it sees the same street, but not the same points."""
 
     def of_sweep(one: Sweep) -> Iterable[RawMessage]:
         other = sweep(one.number, 1, points)
-        xyz, fields = other.xyz + np.array([x_m, 0, 0]), other.fields if is_full else other.intensity
-        yield cloud("/left/points", one, xyz, frame, fields)
+        fields = other.fields | {"rgb": other.fields["intensity"]} if is_full else other.intensity
+        yield cloud("/left/points", one, other.xyz + np.array([x_m, 0, 0]), frame, fields)
 
     return of_sweep
 
