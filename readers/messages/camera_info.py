@@ -38,9 +38,6 @@ DISTORTION_MODELS: dict[str, DistortionModel] = {
 MAX_OFF_CENTER = 0.05
 """Largest distance of a principal point from the middle of the image, as a share of its size, that raises no doubt."""
 
-MIN_NEARER = 0.02
-"""Smallest difference of two such distances that tells which matrix is the image's."""
-
 
 def distortion_model(name: str, coefficients: npt.ArrayLike) -> tuple[DistortionModel, F64]:
     """A distortion model by its ROS name, and its coefficients as float64.
@@ -98,8 +95,9 @@ def rectified_reason(info: Any) -> str:
     if K[0, 0] == 0:
         return "its K is 0"
     size = np.array([int(info.width), int(info.height)], np.float64)
-    off = [float(np.abs((one[:2, 2] + 0.5) / size - 0.5).max()) for one in (K, P) if (size > 0).all()]
-    if off and off[0] > MAX_OFF_CENTER >= off[1] and off[0] - off[1] > MIN_NEARER:
+    off, off_P = ((one[:2, 2] + 0.5) / np.maximum(size, 1) - 0.5 for one in (K, P))
+    is_of_other_size = np.abs(off).min() > MAX_OFF_CENTER and off.prod() > 0  # lenses are off centre in one direction
+    if is_of_other_size and np.abs(off_P).max() <= MAX_OFF_CENTER:
         return f"its K is of an image of another size, with its centre at ({K[0, 2]:.0f}, {K[1, 2]:.0f})"
     return ""
 

@@ -30,11 +30,8 @@ from lidcam.readers.rig.first_messages import FirstMessages
 
 CLOUD, IMAGE = types_of("cloud"), types_of("image")
 
-WORLD_FRAMES = frozenset({"earth", "enu", "map", "odom", "utm", "world"})
-"""Frames that vehicles move in (REP 105), by the first word of their names."""
-
-MAPPING_FRAMES = frozenset({"camera_init", "global", "local"})
-"""Names of such frames in mapping programs."""
+WORLD_FRAMES = frozenset({"camera_init", "earth", "enu", "global", "local", "map", "odom", "utm", "world"})
+"""Frames that vehicles move in (REP 105, and mapping programs), by their names or the first words of these."""
 
 COMPUTED_FIELDS = frozenset({"normal_x", "normal_y", "normal_z", "curvature", "rgb", "rgba"})
 """Fields of clouds that no lidar measures: normals, and colours of a camera."""
@@ -57,23 +54,17 @@ MIN_EQUAL_SHARE = 0.8
 SAMPLED = 2000
 """Number of points of a cloud that are sought in another one."""
 
-SAME_M, NEAR_M = 0.005, 0.5
+SAME_M, NEAR_M = 0.001, 0.5
 """Cells in which, or beside which, the same point and one of the same surface are sought."""
 
-MIN_SAME, MIN_NEAR = 0.7, 0.8
+MIN_SAME, MIN_NEAR = 0.9, 0.8
 """Smallest shares of the points of a cloud that are found in the one that it was made of."""
 
-MIN_SOME = 0.2
-"""Smallest share of the same points in two clouds of one frame that have as many and as good points."""
+MIN_WIDER, MAX_THINNED = 1.4, 0.5
+"""Smallest ratio of spreads, and largest of points, of a cloud that was thinned out: points near a lidar are dense."""
 
-MAX_THINNED = 0.5
-"""Largest share of a sensor's points that is left where a cloud was thinned out."""
-
-MIN_POINTS = 50
-"""Points of a sensor's cloud below which they say nothing."""
-
-RUN = 16
-"""Length of the runs of intensities by which copied points are recognised."""
+RUN, MIN_SAMPLED_RUNS = 16, 50
+"""Length of the runs of intensities by which copied points are recognised, and the fewest that say something."""
 
 RUN_KEY = np.array([0x9E3779B97F4A7C15 * (2 * place + 1) & 0xFFFFFFFFFFFFFFFF for place in range(RUN)], np.uint64)
 """(RUN,) factors that make one number of a run."""
@@ -81,11 +72,11 @@ RUN_KEY = np.array([0x9E3779B97F4A7C15 * (2 * place + 1) & 0xFFFFFFFFFFFFFFFF fo
 MIN_RUNS, MIN_RUNS_RATIO = 0.2, 2.0
 """Smallest share of runs that copied points keep, and its smallest ratio to that which another sweep has by chance."""
 
-PATTERN_PX = 320
-"""Width at which the patterns of images are compared."""
+PATTERN_PX = 320, 240
+"""Size at which the patterns of images are compared."""
 
-MIN_PATTERN = 0.8
-"""Smallest correlation of an image's pattern with that of the same image, something drawn on it."""
+MIN_PATTERN, MIN_COPY = 0.8, 0.98
+"""Smallest correlations of an image's pattern with that of the same image, something drawn on it, and of its copy."""
 
 
 class Seen(NamedTuple):
@@ -108,42 +99,47 @@ class Seen(NamedTuple):
         return list(zip(self.log_ns[equal].tolist(), sensor.log_ns[near[equal]].tolist(), strict=True))
 
 
-def is_world_frame(frame: str, frames: Collection[str], transforms: RecordedTransforms) -> bool:
+def is_world_frame(
+    frame: str, frames: Collection[str], transforms: RecordedTransforms, *, is_measured: bool = False
+) -> bool:
     """Whether sensors move in a frame, by its name, or by what moves below it.
 
     Args:
         frame: The frame of a cloud.
-        frames: The frames of all clouds and cameras.
+        frames: The frames of all clouds.
         transforms: The recorded transforms.
+        is_measured: Whether its points have times or rings: vehicles carry lidars on trailers and arms, too.
     """
-    name = frame.rpartition("/")[2].lower()
-    if name in MAPPING_FRAMES or name.partition("_")[0] in WORLD_FRAMES:
-        return True
     others = {other for other in frames if other and other != frame}
+    is_joined = any(transforms.are_joined(frame, other) for other in others)
+    name = frame.rpartition("/")[2].lower()
+    if name.startswith("base") or (is_measured and is_joined):
+        return False
+    is_named = not WORLD_FRAMES.isdisjoint({name, name.partition("_")[0]})
+    if is_named or is_measured:
+        return is_named
     if any(frame in _beyond_motion(other, transforms) for other in others):
         return True
     is_top = frame not in transforms.moving and transforms.fixed.parent(frame) is None
-    is_vehicle = name.startswith("base") or any(transforms.are_joined(frame, other) for other in others)
-    return is_top and frame in transforms.moving.values() and not is_vehicle
+    return is_top and frame in transforms.moving.values() and not is_joined
 
 
 def _beyond_motion(frame: str, transforms: RecordedTransforms) -> set[str]:
     """The frames above one that it moves in."""
-    found, passed, moves = set[str](), {frame}, False
-    while True:
+    found, passed, moves = set[str](), set[str](), False
+    while frame and frame not in passed:
+        passed.add(frame)
         moves = moves or frame in transforms.moving
-        parent = transforms.moving.get(frame) or transforms.fixed.parent(frame)
-        if parent is None or parent in passed:
-            return found
-        if moves:
-            found.add(parent)
-        passed.add(parent)
-        frame = parent
+        frame = transforms.moving.get(frame) or transforms.fixed.parent(frame) or ""
+        if moves and frame:
+            found.add(frame)
+    return found
 
 
-def is_computed(content: Any) -> bool:
-    """Whether a cloud's fields say that it was computed; `content` is its first message."""
-    return bool(COMPUTED_FIELDS & _fields(content))
+def is_computed(topic: str, first: FirstMessages) -> bool:
+    """Whether a topic's fields say that its clouds were computed; lidars with a camera have colours, too, and rings."""
+    computed = not first.missing(topic, CLOUD) and COMPUTED_FIELDS & _fields(first.decoded(topic, CLOUD))
+    return bool(computed) and not is_measured(topic, first)
 
 
 def _fields(content: Any) -> set[str]:
@@ -180,16 +176,11 @@ class Contents:
         """Median time between stamp and recording; infinite where that is not known."""
         return self._seen[topic].delay_ns if topic in self._seen else np.inf
 
-    def decoded(self, pair: Pair) -> tuple[Any, Any]:
-        """The decoded messages of a pair.
+    def sources(self, ordered: Iterable[str], is_made_of: Callable[[Pair], bool | None]) -> dict[str, str]:
+        """The topic that each one was made of, empty for sensors; the rawest come first.
 
-        Raises:
-            MessageError: one cannot be decoded.
+        `is_made_of` is asked for other messages of the pair of topics where it returns None: they say nothing.
         """
-        return self.at(pair.topic, pair.log_ns), self.at(pair.sensor, pair.sensor_log_ns)
-
-    def sources(self, ordered: Iterable[str], is_made_of: Callable[[Pair], bool]) -> dict[str, str]:
-        """The topic that each one was made of, empty for sensors; the rawest come first."""
         sources: dict[str, str] = {}
         for topic in ordered:
             before = sorted(sources, key=lambda one: sources[one] != "")  # sensors first
@@ -197,7 +188,7 @@ class Contents:
             sources[topic] = sources.get(found) or found
         return sources
 
-    def _source(self, topic: str, sensors: Sequence[str], is_made_of: Callable[[Pair], bool]) -> str:
+    def _source(self, topic: str, sensors: Sequence[str], is_made_of: Callable[[Pair], bool | None]) -> str:
         seen = self._seen.get(topic)
         if seen is None or not len(seen.stamps_ns):
             return ""
@@ -207,9 +198,13 @@ class Contents:
             return ""
         for sensor, pairs in shared.items():
             other_ns = pairs[0][1] if len(pairs) > 1 else None
-            with suppress(MessageError):  # such messages are dropped, and counted, where they are used
-                if pairs and is_made_of(Pair(topic, sensor, *pairs[len(pairs) // 2], other_ns)):
-                    return sensor
+            for log_ns, sensor_ns in (*pairs[len(pairs) // 2 :], *pairs[: len(pairs) // 2]):
+                with suppress(MessageError):  # such messages are dropped, and counted, where they are used
+                    is_made = is_made_of(Pair(topic, sensor, log_ns, sensor_ns, other_ns))
+                    if is_made:
+                        return sensor
+                    if is_made is not None:
+                        break
         return ""
 
     def at(self, topic: str, log_ns: int) -> Any:
@@ -275,18 +270,25 @@ def cloud_sources(
         order = -width * height, contents.delay_ns(topic), natural_key(topic)
         return lacks, is_above, is_rare[topic], *order
 
-    def is_made_of(pair: Pair) -> bool:
+    def is_made_of(pair: Pair) -> bool | None:
         def is_copied() -> bool:
             if pair.other_log_ns is None:
                 return False
             other: PointCloud = contents.at(pair.sensor, pair.other_log_ns)
             return _shared_runs(made, cloud) >= max(MIN_RUNS, MIN_RUNS_RATIO * _shared_runs(made, other))
 
-        made, cloud = contents.decoded(pair)
-        is_less = _measures(pair.topic, first) < _measures(pair.sensor, first)
-        return _is_cloud_of(made, cloud, transforms, is_less=is_less, is_copied=is_copied)
+        made, cloud = contents.at(pair.topic, pair.log_ns), contents.at(pair.sensor, pair.sensor_log_ns)
+        if min(len(made), len(cloud)) < RUN:
+            return None
+        is_poor = not is_measured(pair.topic, first) and is_measured(pair.sensor, first)
+        return _is_cloud_of(made, cloud, transforms, is_poor=is_poor, is_copied=is_copied)
 
     return contents.sources(sorted(topics, key=rawness), is_made_of)
+
+
+def is_measured(topic: str, first: FirstMessages) -> bool:
+    """Whether a topic's points have times or rings, which nodes seldom hand on."""
+    return any(_measures(topic, first)[:2])
 
 
 def _measures(topic: str, first: FirstMessages) -> tuple[bool, ...]:
@@ -307,43 +309,42 @@ def _is_cloud_of(
     cloud: PointCloud,
     transforms: RecordedTransforms,
     *,
-    is_less: bool,
+    is_poor: bool,
     is_copied: Callable[[], bool],
 ) -> bool:
-    """Whether a cloud was made of that of a sensor at the same stamp.
+    """Whether a cloud was made of that of a sensor at the same stamp; in doubt it was not.
 
-    Args:
-        made: The cloud.
-        cloud: That of the sensor.
-        transforms: The recorded transforms.
-        is_less: Whether it lacks some of the sensor's fields.
-        is_copied: Whether runs of its intensities are the sensor's.
+    `is_poor`: it has neither times nor rings, the sensor has; `is_copied`: runs of its intensities are the sensor's.
     """
-    is_same = made.frame_id == cloud.frame_id != ""
-    if len(made) < RUN or len(cloud) < MIN_POINTS:
-        return is_same
-    is_joined = transforms.are_joined(cloud.frame_id, made.frame_id)
-    points = transforms.lookup(cloud.frame_id, made.frame_id).apply(made.xyz) if is_joined else made.xyz
-    is_less = is_less or len(made) < MAX_THINNED * len(cloud)
-    is_beside = not is_same and is_joined and not _is_above(made.frame_id, cloud.frame_id, transforms)
-    if is_beside and not is_less:  # another lidar's
-        return False
-    shared = max(_found(points, cloud.xyz, SAME_M), _found(cloud.xyz, points, SAME_M))
-    if shared >= MIN_SAME:
-        return True
-    is_likely = (is_less and not is_beside) or (is_same and shared >= MIN_SOME) or is_copied()
-    return is_likely and _found(points, cloud.xyz, NEAR_M) >= MIN_NEAR
+    points, is_thinned = made.xyz, False
+    if made.frame_id and transforms.are_joined(cloud.frame_id, made.frame_id):
+        points = transforms.lookup(cloud.frame_id, made.frame_id).apply(made.xyz)
+        if max(_found(points, cloud.xyz, SAME_M), _found(cloud.xyz, points, SAME_M)) >= MIN_SAME:
+            return True
+        if made.frame_id != cloud.frame_id and not _is_above(made.frame_id, cloud.frame_id, transforms):
+            return False  # another lidar's
+        is_few = len(made) < MAX_THINNED * len(cloud) or not made.intensity.any()
+        is_thinned = (is_poor and is_few) or _spread_m(made.xyz) >= MIN_WIDER * _spread_m(cloud.xyz)
+    return (is_thinned or is_copied()) and _found(points, cloud.xyz, NEAR_M) >= MIN_NEAR
+
+
+def _spread_m(points: F32) -> float:
+    """Median distance from the middle of points."""
+    return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
 
 
 def _shared_runs(made: PointCloud, cloud: PointCloud) -> float:
     """Share of the runs of intensities of a cloud that another one has, too: where points were moved, but copied."""
-    runs, of_cloud = (sliding_window_view(one.intensity, RUN) for one in (made, cloud))
+    if min(len(made), len(cloud)) < RUN:
+        return 0.0
+    by_ring = cloud.intensity[np.argsort(cloud.ring, kind="stable")]  # the order of images of ranges
+    runs, *of_cloud = (sliding_window_view(one, RUN) for one in (made.intensity, cloud.intensity, by_ring))
     sample = runs[:: max(len(runs) // SAMPLED, 1)]
     sample = sample[(np.diff(np.sort(sample, 1)) > 0).sum(1) >= RUN // 2]  # others are found anywhere
-    if len(sample) < MIN_POINTS:
+    if len(sample) < MIN_SAMPLED_RUNS:
         return 0.0
-    keys, known = (one.copy().view(np.uint32).astype(np.uint64) @ RUN_KEY for one in (sample, of_cloud))
-    return float(np.isin(keys, known).mean())
+    keys, *known = (one.copy().view(np.uint32).astype(np.uint64) @ RUN_KEY for one in (sample, *of_cloud))
+    return float(np.isin(keys, np.concatenate(known)).mean())
 
 
 def _found(points: F32, others: F32, cell_m: float) -> float:
@@ -390,23 +391,22 @@ def image_sources(
 
     def is_made_of(pair: Pair) -> bool:
         frame, other = first.frame(pair.topic, IMAGE), first.frame(pair.sensor, IMAGE)
-        if has_info(pair.topic) and frame != other:  # two cameras that are triggered together
+        if frame != other and (has_info(pair.topic) or (frame and other)):  # cameras that are triggered together
             return False
         if has_info(pair.sensor) and not has_info(pair.topic) and frame == other != "":
             return True
-        made, image = contents.decoded(pair)
-        return made.shape == image.shape and float((made * image).sum()) >= MIN_PATTERN
+        made, image = contents.at(pair.topic, pair.log_ns), contents.at(pair.sensor, pair.sensor_log_ns)
+        least = MIN_COPY if has_info(pair.topic) else MIN_PATTERN  # pairs of stereo cameras share a frame
+        return float((made * image).sum()) >= least
 
     return contents.sources(sorted(ordered, key=rawness), is_made_of)
 
 
 def _pattern(rgb: Any) -> F64:
-    """(H, W) what an image shows apart from its brightness, of unit length; zero where it shows nothing."""
+    """(240, 320) what an image shows apart from its brightness, of unit length; zero where it shows nothing."""
     import cv2
 
-    width = PATTERN_PX
     gray = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-    small = cv2.resize(gray, (width, round(width * rgb.shape[0] / rgb.shape[1])), interpolation=cv2.INTER_AREA)
-    small = small.astype(np.float64)
+    small = cv2.resize(gray, PATTERN_PX, interpolation=cv2.INTER_AREA).astype(np.float64)
     pattern = small - cv2.blur(small, (15, 15))
     return np.asarray(pattern / max(float(np.linalg.norm(pattern)), 1e-9), np.float64)

@@ -20,7 +20,7 @@ from lidcam.readers.messages.registry import types_of
 from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.natural_order import natural_key
 from lidcam.readers.recording import Recording, TopicInfo
-from lidcam.readers.rig.derived import cloud_sources, image_sources, is_computed, is_world_frame
+from lidcam.readers.rig.derived import cloud_sources, image_sources, is_computed, is_measured, is_world_frame
 from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.rig.topic_names import is_measured_image, is_truth, pair_score, place, transport_free
 from lidcam.readers.velodyne.scan import SCAN
@@ -240,14 +240,14 @@ def _hand_of_cloud(
 
     def hand(info: TopicInfo) -> tuple[int, str]:
         frame = frames[info.topic]
-        if is_world_frame(frame, frames.values(), transforms):
+        if is_world_frame(frame, frames.values(), transforms, is_measured=is_measured(info.topic, first)):
             return 4, f"in {frame}, which is no frame of a sensor"
         others = [other for topic, other in frames.items() if topic != info.topic]
         if info.message_count == 1 and most >= MANY and not any(transforms.are_joined(frame, one) for one in others):
             return 4, "a single message"
         if frame.endswith(OPTICAL):
             return 3, f"in {frame}, the frame of a camera"
-        if not first.missing(info.topic, CLOUD) and is_computed(first.decoded(info.topic, CLOUD)):
+        if is_computed(info.topic, first):
             return 3, "its fields are computed ones"
         return (2, MADE) if info.topic in MADE_OF_OTHERS else (1, MADE) if info.part_of else (0, "")
 
