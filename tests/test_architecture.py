@@ -54,7 +54,7 @@ MAX_LINES = {
     "campaign": (0, 1460),
     "e2e": (0, 3860),
     "fuzz": (0, 860),
-    "lidcam": (940, 640),
+    "lidcam": (950, 640),
     "lidcam/batch": (1130, 620),
     "lidcam/checks": (1140, 840),
     "lidcam/cli": (4090, 1460),
