@@ -25,15 +25,18 @@ class NativeModule(BuildHookInterface[Any]):
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile, and name the result to hatchling."""
-        folder = Path(self.root) / "pipeline/native"
-        for old in folder.glob(f"{MODULE}.*.so"):
-            old.unlink()
+        folder, self._scratch = Path(self.root) / "pipeline/native", TemporaryDirectory()
         build_data["pure_python"], build_data["infer_tag"] = False, True
-        with TemporaryDirectory() as scratch:
-            made = compiled(folder, Path(scratch))
-            shutil.copy(made, folder / made.name)
-        if version != "editable":
-            build_data["artifacts"].append(f"/pipeline/native/{made.name}")
+        made = compiled(folder, Path(self._scratch.name))
+        if version == "editable":  # at once: other processes may be importing it
+            shutil.copy(made, folder / f"{made.name}.new")
+            (folder / f"{made.name}.new").replace(folder / made.name)
+        else:
+            build_data["force_include"][str(made)] = f"lidcam/pipeline/native/{made.name}"
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:  # noqa: ARG002
+        """Remove what was needed while the wheel was made."""
+        self._scratch.cleanup()
 
 
 def compiled(folder: Path, scratch: Path) -> Path:

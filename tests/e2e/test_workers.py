@@ -51,8 +51,6 @@ def run(sandbox: Path, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
         "--set",
         "track.mode=none",
         "--set",
-        "fuse.calibration=recorded",
-        "--set",
         CLUSTERS,
     ]
     command = [sys.executable, "-P", "-c", HELD, *map(str, arguments)]
