@@ -26,7 +26,7 @@ from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.readers.streams.survey import TopicSurvey, survey
 from lidcam.run.box_sources import BoxSource, box_source, boxes_2d_words, engine_3d
 from lidcam.run.choice import SettingsChoice, UsedSettings, use_settings, used_record
-from lidcam.run.frames import RunInput, TimeWindow, missing_from_frames, no_frames, rehearse, sensor_clocks
+from lidcam.run.frames import RunInput, TimeWindow, missing_from_frames, no_frames, sensor_clocks, synchronize_stamps
 from lidcam.run.job import RigSource, read_rig
 from lidcam.run.missing import MissingSensor
 from lidcam.run.summary import DropCount, incomplete_lines, loss_records
@@ -138,7 +138,7 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
     source = RunInput(recording, found.rig, config, window=window)
     drops, stats = DropTable("skip"), SyncStats()
     clocks = sensor_clocks(found.rig, drops)
-    topics = look(watch=partial(rehearse, source, drops, stats, clocks))
+    topics = look(watch=partial(synchronize_stamps, source, drops, stats, clocks))
     missing = missing_from_frames(source, stats)
     return replace(
         inspection,

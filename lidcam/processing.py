@@ -37,7 +37,7 @@ from lidcam.readers.rig.discovery import Discovery, discover_rig
 from lidcam.readers.streams.motion import find_motion_source
 from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.run.box_sources import KnownBoxes, box_source, boxes_2d_words, check_box_source, engine_3d
-from lidcam.run.build import build_graph, decided, results
+from lidcam.run.build import build_graph, decided, shared_results
 from lidcam.run.choice import use_settings
 from lidcam.run.effect import settings_sha256
 from lidcam.run.first_look import corrected_by_recording
@@ -253,7 +253,7 @@ class Run:
                 passed()
 
     def _stages(self) -> Generator[FrameResult, None, None]:
-        return results(
+        return shared_results(
             (self._graph, self._result),
             self._read(),
             self.source,

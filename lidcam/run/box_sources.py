@@ -49,9 +49,7 @@ class KnownBoxes:
         self.lidar[_messages(frame.bundle, rig.lidars)] = frame.detections.lidar
         self.cameras[_messages(frame.bundle, rig.lidars, rig.cameras)] = frame.detections.cameras
 
-    def in_cloud(
-        self, rig: Rig, detect: Callable[[CombinedCloud], Boxes3D], bundle: SensorBundle, combined: CombinedCloud
-    ) -> Boxes3D:
+    def in_cloud(self, rig: Rig, detect: DetectInCloud, bundle: SensorBundle, combined: CombinedCloud) -> Boxes3D:
         """The 3D boxes of a frame, detected unless they are known."""
         known = self.lidar.get(_messages(bundle, rig.lidars))
         return detect(combined) if known is None else known
@@ -164,10 +162,8 @@ def add_boxes3d(
     on_bad: OnBadMessage,
 ) -> tuple[Node[Decoded[Boxes3D]], Node[Boxes3D]]:
     """The decoded messages of recorded 3D detectors, if they are used, and the frame's 3D boxes."""
-    from lidcam.pipeline.stages.detect3d import (
-        Detect3D,
-        Recorded3D,
-    )  # behind the imports of programs that detect nothing
+    # Behind the imports of programs that detect nothing.
+    from lidcam.pipeline.stages.detect3d import Detect3D, Recorded3D
 
     if config.detect3d.method != "recorded":
         nothing = graph.add_stage("no recorded 3D boxes", _no_boxes3d, graph.frame, timed=False)

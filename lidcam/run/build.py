@@ -180,7 +180,7 @@ def _with_odometry(find: FindOdometry, site_frame: str, result: FrameResult) -> 
     return replace(result, odometry=find(result.combined, result.bundle.stamp_ns, recorded))
 
 
-def results(
+def shared_results(
     stages: tuple[Graph[SensorBundle], Node[FrameResult]],
     found: Iterator[SensorBundle],
     source: RunInput,
@@ -190,7 +190,7 @@ def results(
     expected: int,
     started: Sequence[WorkerProcess],
 ) -> Generator[FrameResult, None, None]:
-    """The results of bundles, in order.
+    """The results of bundles, in order, by one process or several.
 
     Args:
         stages: The stages, and the one whose output is wanted.

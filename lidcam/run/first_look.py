@@ -23,7 +23,7 @@ from lidcam.pipeline.parallel.process import copied_workers
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.pipeline.tracking.trackers import object_tracker
 from lidcam.run.box_sources import KnownBoxes, box_source
-from lidcam.run.build import build_graph, decided, results
+from lidcam.run.build import build_graph, decided, shared_results
 from lidcam.run.frames import RunInput, TimeWindow, bundles, expected_frames, sensor_clocks
 from lidcam.run.tally import DropTable
 
@@ -79,14 +79,20 @@ def _looked_at(source: RunInput, known: KnownBoxes, workers: int) -> Iterator[Fr
     if tracker is None:
         raise AssertionError("online tracks have a tracker")
     expected = round(min(expected_frames(source) * MAX_SHARE, MAX_STRETCHES * STRETCH_FRAMES))
-    how = partial(results, make_graph=make_graph, workers=workers, expected=expected)
-    with (
-        copied_workers(*stages, workers=workers, frames=expected) as started,
-        closing(how(stages, _bundles(source, drops), source, started=started)) as frames,
-    ):
-        for frame in frames:
-            known.keep(source.rig, frame)
-            yield replace(frame, fused=tracker.add_frame(frame)[0])
+    with copied_workers(*stages, workers=workers, frames=expected) as started:
+        found = shared_results(
+            stages,
+            _bundles(source, drops),
+            source,
+            make_graph=make_graph,
+            workers=workers,
+            expected=expected,
+            started=started,
+        )
+        with closing(found) as frames:
+            for frame in frames:
+                known.keep(source.rig, frame)
+                yield replace(frame, fused=tracker.add_frame(frame)[0])
 
 
 def _bundles(source: RunInput, drops: DropTable) -> Iterator[SensorBundle]:

@@ -148,7 +148,7 @@ def _synchronizer(
     )
 
 
-def rehearse(
+def synchronize_stamps(
     source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks, messages: Iterable[RawMessage]
 ) -> None:
     """Synchronise messages as a run does, by their stamps alone: nothing is decoded."""

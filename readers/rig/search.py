@@ -41,6 +41,9 @@ RAW_LIDAR = frozenset(
 )
 """Types of a lidar's raw data, which only its driver can turn into clouds."""
 
+CLOUD_TYPES = "sensor_msgs/PointCloud2, velodyne_msgs/VelodyneScan or Livox's CustomMsg"
+"""The types of `CLOUD` as users call them."""
+
 MAX_LISTED = 10
 """Largest number of topics that an error lists."""
 
@@ -224,8 +227,7 @@ def _site_of_boxes(boxes_frames: Sequence[str], camera_frames: set[str], transfo
 def _no_clouds(recording: Recording, config: Config, of_detectors: Findings) -> str:
     apart = f", apart from {', '.join(config.topics.exclude)}" if config.topics.exclude else ""
     expected = (
-        f"{', '.join(str(path) for path in recording.paths)}: expected a topic of lidar clouds "
-        f"({' or '.join(sorted(CLOUD))}){apart}"
+        f"{', '.join(str(path) for path in recording.paths)}: expected a topic of lidar clouds ({CLOUD_TYPES}){apart}"
     )
     if config.detect3d.method == "recorded":
         return (
