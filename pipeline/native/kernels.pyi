@@ -7,10 +7,7 @@ from lidcam.pipeline.core.arrays import F32, F64, I32, I64, U8, Bools, Indices
 def columns_of_rows(costs: F64) -> Indices:
     """(R,) the column of each row of costs (R, C), R <= C."""
 
-# curve.cpp, neighbors.cpp
-
-def curve_order(points: F32) -> I64:
-    """(N,) indices of the points (3, N), finite, N >= 1, along a curve; points at one place by their indices."""
+# neighbors.cpp
 
 def mean_neighbor_distance_m(xyz: F32, neighbors: int) -> F32:
     """(N,) mean distance of finite points (N, 3) to 1 to N - 1 nearest neighbours, other than itself, as PCL rounds it.
@@ -324,29 +321,10 @@ def outermost_points(
     equidistant: Bools,
     limits: F64,
 ) -> tuple[F64, F64, Indices, Bools]:
-    """The leftmost, topmost, rightmost and bottommost point of each object in the image of its camera.
+    """The leftmost, topmost, rightmost and bottommost point of each object, see `project_edges`.
 
-    Points of an object are at `signs * size / 2 + offsets` along the axes of its box.
-
-    Args:
-        centers: (Q, 3) centres of boxes in the site frame, metres.
-        sizes: (Q, 3) length, width, height, metres.
-        cosines: (Q,) of the yaws.
-        sines: (Q,) of the yaws.
-        rows: (Q,) camera and outline of each box, of P of both.
-        signs: (S, 3), the same for all; S is at least 1.
-        offsets: (P, S, 3) metres, or (1, S, 3) if they are the same for all.
-        rotations: (P, 3, 3) site to camera.
-        translations: (P, 3) metres.
-        K: (P, 3, 3), and so on: the fields of `Lenses`.
-        coefficients: (P, 8).
-        equidistant: (P,).
-        limits: (P,).
-
-    Returns:
-        (Q, 4) u, v, u, v of these points, pixels; (Q, 4, 7) their derivatives by x, y, yaw, length, width, height, z of
-        the box; (Q, 4) which of the S points they are, of those alike the first; (Q,) whether all points of the object
-        are ahead and within the lens model.
+    After the cosines and sines of the yaws come the fields of `Outline`, `CameraArrays` and, from `K` on, `Lenses`.
+    The third output, (Q, 4), is which point of the outline each is, of those alike the first.
     """
 
 def pillar_features(
