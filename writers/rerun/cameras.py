@@ -13,10 +13,10 @@ from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.writers.drawing import DrawnObjects, ObjectEdges, camera_image, drawn_boxes_2d
-from lidcam.writers.messages.images import COMPRESSED, read_image
+from lidcam.writers.messages.sensors import COMPRESSED, read_image
 from lidcam.writers.rerun import archetypes
 from lidcam.writers.rerun.blueprint import camera_path
-from lidcam.writers.rerun.news import News
+from lidcam.writers.rerun.objects import News
 
 JPEG_QUALITY = 90
 _MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}

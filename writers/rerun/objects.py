@@ -1,5 +1,7 @@
 """The objects of frames in a Rerun recording: boxes, labels, trails, and the zones with their counts."""
 
+from collections.abc import Iterable
+
 import rerun as rr
 
 from lidcam.pipeline.core.arrays import Bools
@@ -11,10 +13,27 @@ from lidcam.writers.labels_3d import LabelPlaces
 from lidcam.writers.palette import ZONE
 from lidcam.writers.rerun import archetypes
 from lidcam.writers.rerun.blueprint import FOV_Y_DEG, LABELS, NUMBERS, PLACED, place_eye
-from lidcam.writers.rerun.news import News
 from lidcam.writers.trails import Trails
-from lidcam.writers.viewpoint import SceneSurvey
-from lidcam.writers.zones import drawn_zones, zone_texts
+from lidcam.writers.viewpoint import SceneSurvey, drawn_zones, zone_texts
+
+
+class News:
+    """Remembers at which paths nothing is drawn; at `empty` ones, nothing is at first."""
+
+    def __init__(self, empty: Iterable[str] = ()) -> None:
+        self._empty = set(empty)
+
+    def at(self, path: str, count: int) -> bool:
+        """Whether so many things at a path are to be logged: not where there are none, and there were none."""
+        if count == 0 and path in self._empty:
+            return False
+        (self._empty.discard if count else self._empty.add)(path)
+        return True
+
+    def cleared(self, path: str) -> None:
+        """Take note that nothing is drawn at a path any more."""
+        self._empty.add(path)
+
 
 _OF_TRACKS = ("world/predicted", "world/predicted/uncertainty", "world/trails")
 
