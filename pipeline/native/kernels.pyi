@@ -56,8 +56,7 @@ def parted(
 ) -> tuple[I64, I64, I64]:
     """Rows of the points that are kept and not on a plane, that are kept and on it, and that are not on the ground.
 
-    On it is what is at most `distance_m` from the plane (4,), or from the ground, which differs from that by `Relief`;
-    without nodes, it is the plane.
+    On it is what is at most `distance_m` from the plane (4,), or from the ground, which differs from that by `Relief`.
     """
 
 # relief.cpp: `lidcam.pipeline.filters.relief`
