@@ -48,7 +48,7 @@ TYPES: dict[str, MessageType] = {
     "tf/msg/tfMessage": MessageType("transforms", "lidcam.readers.messages.tf:decode_transforms"),
     "tf2_msgs/msg/TFMessage": MessageType("transforms", "lidcam.readers.messages.tf:decode_transforms"),
     "diagnostic_msgs/msg/DiagnosticArray": MessageType(
-        "diagnostics", "lidcam.readers.results.result:decode_diagnostics"
+        "diagnostics", "lidcam.readers.messages.diagnostics:decode_diagnostics"
     ),
     "lidcam_msgs/msg/TrackArray": MessageType("tracks", "lidcam.readers.messages.objects.tracks:decode_tracks"),
 }
