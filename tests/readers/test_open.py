@@ -200,7 +200,7 @@ def assert_refused(paths: Sequence[Path], *parts: str) -> None:
             b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n",
             "a Git LFS pointer in place of the file; fetch it with `git lfs pull`",
         ),
-        ("drive.bag.gz", gzip.compress(b"#ROSBAG V2.0\n"), "gzip; unpack it with `gunzip --keep`"),
+        ("drive.bag.gz", gzip.compress(b"#ROSBAG V2.0\n", mtime=0), "gzip; unpack it with `gunzip --keep`"),
         ("drive.bag.bz2", bz2.compress(b"#ROSBAG V2.0\n"), "bzip2; unpack it with `bunzip2 --keep`"),
         ("drive.bag.xz", lzma.compress(b"#ROSBAG V2.0\n"), "xz; unpack it with `unxz --keep`"),
         ("drive.zip", b"PK\3\4\x14\0", "a zip archive; unpack it"),
