@@ -7,7 +7,7 @@ from typing import Any
 
 from lidcam.checks.calibration.check import check_first_clouds
 from lidcam.checks.clocks import clock_notes, sync_warnings
-from lidcam.checks.files import check_not_empty
+from lidcam.checks.messages import check_not_empty
 from lidcam.pipeline.core.errors import CalibrationError, RecordingError, short_memory_told
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config

@@ -12,12 +12,10 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from lidcam.checks.boxes import DoubtedCheck, class_number_warnings
 from lidcam.checks.calibration.check import CalibrationCheck
-from lidcam.checks.class_numbers import class_number_warnings
 from lidcam.checks.clocks import clock_notes, sync_warnings
-from lidcam.checks.doubted import DoubtedCheck
-from lidcam.checks.files import FileCheck, check_not_empty
-from lidcam.checks.lidars import LidarCheck
+from lidcam.checks.messages import FileCheck, LidarCheck, check_not_empty
 from lidcam.checks.no_objects import ObjectCheck
 from lidcam.outputs.allowed import check_no_input
 from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames

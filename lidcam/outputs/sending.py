@@ -7,7 +7,7 @@ from pathlib import Path
 
 from lidcam.outputs.bucket import Bucket, check_output
 from lidcam.pipeline.core.errors import OutputError
-from lidcam.readers.files.temporary import temporary_folder
+from lidcam.readers.files.copies import temporary_folder
 from lidcam.readers.location import Location, RemotePath
 from lidcam.run.summary import RunSummary
 

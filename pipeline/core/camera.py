@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 from lidcam.pipeline.core.arrays import F32, F64, Bools
 from lidcam.pipeline.core.errors import CalibrationError
-from lidcam.pipeline.core.geometry.box_edges import edges_ahead
+from lidcam.pipeline.core.geometry.box_edges import edge_samples
+from lidcam.pipeline.native.kernels import pixels_of_points
 
 DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 
@@ -25,9 +26,6 @@ BORDER_PX = 2.0
 
 NEAR_M = 0.01
 """Least depth of a point that is projected; edges of boxes are cut there."""
-
-EDGE_SHARES = np.linspace(0.0, 1.0, 5)
-"""Samples along the edges of a box that may be outermost: lens distortion bends edges beyond their corners."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,28 +117,12 @@ class CameraModel:
             (..., 2) pixels, and (...) whether each point is in front of the camera and within the range of the lens
             model; the other pixels are meaningless. Points outside the image are kept.
         """
-        points = np.asarray(points_camera, np.float64)
-        x, y, z = points[..., 0], points[..., 1], points[..., 2]
-        front = z > NEAR_M / 2
-        depth = np.where(front, z, 1.0)
-        x, y = x / depth, y / depth
-        k = self.coefficients
-        if self.model == "equidistant":
-            radius = np.hypot(x, y)
-            theta = np.arctan(radius)
-            inside = theta < self.radius_limit
-            scale = np.where(radius > 1e-9, theta * self._radial(theta**2) / np.maximum(radius, 1e-9), 1.0)
-            x_lens, y_lens = x * scale, y * scale
-        else:
-            r2 = x * x + y * y
-            inside = r2 < self.radius_limit**2
-            r2 = np.where(inside, r2, 0.0)
-            scale = self._radial(r2)
-            x_lens = x * scale + 2 * k[2] * x * y + k[3] * (r2 + 2 * x * x)
-            y_lens = y * scale + k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y
-        u = self.K[0, 0] * x_lens + self.K[0, 1] * y_lens + self.K[0, 2] + 0.5
-        v = self.K[1, 1] * y_lens + self.K[1, 2] + 0.5
-        return np.stack([u, v], -1), front & inside
+        points = np.ascontiguousarray(points_camera, np.float64)
+        is_equidistant, limit = np.array([self.model == "equidistant"]), np.array([self.radius_limit])
+        pixels, valid = pixels_of_points(
+            points.reshape(1, -1, 3), np.array([self.K]), self.coefficients[None], is_equidistant, limit
+        )
+        return pixels.reshape(*points.shape[:-1], 2), valid.reshape(points.shape[:-1])
 
     def project_boxes(self, corners_camera: F64) -> F32:
         """Smallest upright rectangles around projected boxes, clipped to the image.
@@ -153,29 +135,26 @@ class CameraModel:
             behind the camera are cut at `NEAR_M` first.
         """
         found = np.full((len(corners_camera), 4), np.nan, np.float32)
+        sizes = np.array([self.width_px, self.height_px], np.float64)
         ahead = (corners_camera[..., 2] >= NEAR_M).sum(1)
-        for rows in (ahead == 8, (ahead > 0) & (ahead < 8)):
-            if rows.any():
-                found[rows] = self._project_boxes_ahead(corners_camera[rows])
+        for rows, is_cut in ((ahead == 8, False), ((ahead > 0) & (ahead < 8), True)):
+            if not rows.any():
+                continue
+            points, in_front = corners_camera[rows], np.ones(8, np.bool_)
+            if is_cut or not self.is_straight:  # else the corners are outermost
+                points, in_front = edge_samples(points, NEAR_M)
+            pixels, valid = self.project(points)
+            found[rows] = rectangles_around(pixels, valid & in_front, sizes)
         return found
 
-    def _project_boxes_ahead(self, corners_camera: F64) -> F64:
-        """`project_boxes` for boxes of which at least one corner is in front of the camera."""
-        if self.is_straight and (corners_camera[..., 2] >= NEAR_M).all():  # then the corners are outermost
-            pixels, _ = self.project(corners_camera)
-            return self._clipped(pixels.min(1), pixels.max(1))
-        start, end, in_front = edges_ahead(corners_camera, NEAR_M)
-        shares = EDGE_SHARES[:, None]
-        samples = start[:, :, None] * (1 - shares) + end[:, :, None] * shares  # (N, 12, S, 3)
-        pixels, valid = self.project(samples)
-        valid &= in_front[..., None]
-        low = np.where(valid[..., None], pixels, np.inf).min((1, 2))
-        high = np.where(valid[..., None], pixels, -np.inf).max((1, 2))
-        return self._clipped(low, high)
 
-    def _clipped(self, low: F64, high: F64) -> F64:
-        """(N, 4) rectangles from their corners, clipped to the image; NaN where nothing is left."""
-        size = np.array([self.width_px, self.height_px], np.float64)
-        boxes = np.concatenate([np.clip(low, 0, size), np.clip(high, 0, size)], -1)
-        seen = (boxes[:, 2] > boxes[:, 0]) & (boxes[:, 3] > boxes[:, 1])
-        return np.where(seen[:, None], boxes, np.nan)
+def rectangles_around(pixels: F64, valid: Bools, image_sizes: F64) -> F64:
+    """(N, 4) upright rectangles around the valid ones of pixels (N, S, 2), clipped to the image; NaN where nothing is.
+
+    `image_sizes` is width and height, (2,) of all or (N, 2) of each.
+    """
+    low = np.where(valid[..., None], pixels, np.inf).min(1, initial=np.inf)
+    high = np.where(valid[..., None], pixels, -np.inf).max(1, initial=-np.inf)
+    found = np.column_stack([np.clip(low, 0, image_sizes), np.clip(high, 0, image_sizes)])
+    is_seen = (found[:, 2] > found[:, 0]) & (found[:, 3] > found[:, 1])
+    return np.where(is_seen[:, None], found, np.nan)

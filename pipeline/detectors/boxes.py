@@ -5,7 +5,6 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes3D, Source
-from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.core.geometry.overlaps import without_overlaps
 from lidcam.pipeline.core.geometry.rotated_iou import BoxArrays
 from lidcam.pipeline.detectors.protocols import Candidates3D
@@ -21,16 +20,4 @@ def likely_boxes(combined: CombinedCloud, site_frame: str, found: Candidates3D, 
     limits = np.asarray(min_scores) if np.ndim(min_scores) == 0 else np.asarray(min_scores)[found.class_ids[order]]
     order = order[found.scores[order] >= limits]
     order = order[without_overlaps(BoxArrays(found.centers[order], found.sizes[order], found.yaws[order]))]
-    return Boxes3D(
-        stamp_ns=combined.detection_cloud.stamp_ns,
-        frame_id=site_frame,
-        centers=found.centers[order],
-        sizes=found.sizes[order],
-        yaws=wrap_angle(found.yaws[order]),
-        scores=found.scores[order].astype(np.float32),
-        class_ids=found.class_ids[order].astype(np.int32),
-        point_counts=found.point_counts[order].astype(np.int32),
-        covariances=found.covariances[order],
-        sources=np.full(len(order), Source.LIDAR, np.uint8),
-        measured_ns=combined.detection_cloud.stamp_ns + found.time_offsets_ns[order],
-    )
+    return found.as_boxes(order, combined.detection_cloud.stamp_ns, site_frame, Source.LIDAR)

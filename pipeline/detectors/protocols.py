@@ -7,7 +7,8 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64, I64, U8
 from lidcam.pipeline.core.clouds import CombinedCloud
-from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.detections import Boxes3D, Source
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
 
 
 class Candidates2D(NamedTuple):
@@ -40,7 +41,7 @@ class Candidates3D(NamedTuple):
     # `Config.class_id_of_label`
     class_ids: I64
     point_counts: I64  # (N,) lidar points that the box was found from; zeros where unknown
-    covariances: F64  # (N, 3, 3) over x, y (m^2) and yaw (rad^2); zeros where unknown
+    covariances: F64  # (N, 3, 3) over x, y (m^2) and yaw (rad^2), positive definite
     time_offsets_ns: I64  # (N,) mean time of the points of each box, minus the cloud's stamp; zeros where unknown
 
     @classmethod
@@ -61,6 +62,22 @@ class Candidates3D(NamedTuple):
             point_counts=boxes.point_counts.astype(np.int64),
             covariances=boxes.covariances,
             time_offsets_ns=boxes.measured_ns - combined.detection_cloud.stamp_ns,
+        )
+
+    def as_boxes(self, rows: I64, stamp_ns: int, frame_id: str, source: Source) -> Boxes3D:
+        """Some of the proposals for a cloud of a stamp, in the order of `rows`, as boxes of a frame."""
+        return Boxes3D(
+            stamp_ns=stamp_ns,
+            frame_id=frame_id,
+            centers=self.centers[rows],
+            sizes=self.sizes[rows],
+            yaws=wrap_angle(self.yaws[rows]),
+            scores=self.scores[rows].astype(np.float32),
+            class_ids=self.class_ids[rows].astype(np.int32),
+            point_counts=self.point_counts[rows].astype(np.int32),
+            covariances=self.covariances[rows],
+            sources=np.full(len(rows), source, np.uint8),
+            measured_ns=stamp_ns + self.time_offsets_ns[rows],
         )
 
 

@@ -21,6 +21,7 @@ from lidcam.pipeline.evaluation.near_objects import Candidates
 MAX_PAUSE_NS = 2_000_000_000
 """Longest pause within one mistake."""
 
+SOURCE = "fused"
 MAX_LISTED = 10
 """Largest number of mistakes of each kind among the figures."""
 
@@ -63,14 +64,14 @@ class Mistake:
 
 
 class Mistakes:
-    """Collects the errors of one source.
+    """Collects the errors of fused objects.
 
     A detection is right if its centre is within 2 m, scaled by the class's length, of an object of its class; see
     `detection.criteria.Criteria.position`. Memory grows with the number of mistakes, not of frames.
     """
 
-    def __init__(self, config: Config, source: str = "fused") -> None:
-        self._config, self._source = config, source
+    def __init__(self, config: Config) -> None:
+        self._config = config
         self._criteria = Criteria.of(config)
         self._start_ns: int | None = None
         self._open: list[Mistake] = []
@@ -80,7 +81,7 @@ class Mistakes:
         """Take in one frame; those without truth, or without the source, have no errors."""
         if self._start_ns is None:
             self._start_ns = frame.stamp_ns
-        source = frame.sources.get(self._source)
+        source = frame.sources.get(SOURCE)
         if frame.truth is None or source is None:
             return
         found, truth, position = source.boxes, frame.truth, self._criteria.position
@@ -108,7 +109,7 @@ class Mistakes:
         listed: Figures = {
             kind: [mistake.figures(start_ns) for mistake in self.worst(kind, MAX_LISTED)] for kind in kinds
         }
-        return {"mistakes": {self._source: listed}}
+        return {"mistakes": {SOURCE: listed}}
 
     def _mistake(
         self,

@@ -94,38 +94,23 @@ def cuboid_outline(*, bent: bool) -> Outline:
     return Outline(points, np.zeros((1, len(points), 3)))
 
 
-def rounded_outline(
-    sizes: F64,
-    *,
-    rounding: float = CORNER_ROUNDING,
-    underside: float = UNDERSIDE,
-    cabin: float = CABIN,
-    bent: bool,
-) -> Outline:
-    """Boxes with round corners, seen from above, and a roof that is smaller than the body.
+def rounded_outline(sizes: F64, *, bent: bool) -> Outline:
+    """Boxes (P, 3) with round corners, seen from above, and a roof that is smaller than the body; `bent`: by a lens.
 
-    Args:
-        sizes: (P, 3) length, width, height, metres.
-        rounding: Radius of the corners of a car, as a share of the smaller of length and width, at most 0.5. That of
-            higher vehicles is less, by `TALL_ROUNDING`. Unless it is 0, objects that are higher than wide by
-            `MIN_PERSON_HEIGHT` are people: round on foot, and with thin wheels in front and behind if they ride.
-        underside: Height of the lower edge of the outline above the ground, as a share of the height.
-        cabin: Share by which the roof of a car is shorter and narrower than its body. Cars are objects that are lower
-            than wide; from `MAX_CAR_HEIGHT` on there is no such roof.
-        bent: Whether a lens bends lines.
+    Objects that are higher than wide by `MIN_PERSON_HEIGHT` are people: round on foot, and with thin wheels in front
+    and behind if they ride. Cars are objects that are lower than wide; from `MAX_CAR_HEIGHT` on there is no such roof.
     """
     signs, inward, of_riders = _round_points(bent=bent)
     smaller, height = sizes[:, :2].min(1), sizes[:, 2]
     is_upright = height > MIN_PERSON_HEIGHT * smaller
     low = ((MAX_CAR_HEIGHT - height / sizes[:, 1]) / (MAX_CAR_HEIGHT - 1)).clip(0.0, 1.0)
-    round_share = 0.5 if rounding > 0 else 0.0
-    share = np.where(is_upright, round_share, rounding * (TALL_ROUNDING + (1 - TALL_ROUNDING) * low))
+    share = np.where(is_upright, 0.5, CORNER_ROUNDING * (TALL_ROUNDING + (1 - TALL_ROUNDING) * low))
     offsets = np.zeros((len(sizes), len(signs), 3))
     offsets[..., :2] = inward * (CUT_PER_RADIUS * share * smaller)[:, None, None]
     roof = signs[:, 2] == 1
-    offsets[:, roof, :2] -= signs[roof, :2] * (cabin * low[:, None] * sizes[:, :2] / 2)[:, None]
-    offsets[:, signs[:, 2] < 0, 2] = (underside * height)[:, None]
-    rides = is_upright & (sizes[:, 0] > MIN_RIDER_LENGTH * sizes[:, 1]) & (rounding > 0)
+    offsets[:, roof, :2] -= signs[roof, :2] * (CABIN * low[:, None] * sizes[:, :2] / 2)[:, None]
+    offsets[:, signs[:, 2] < 0, 2] = (UNDERSIDE * height)[:, None]
+    rides = is_upright & (sizes[:, 0] > MIN_RIDER_LENGTH * sizes[:, 1])
     offsets[rides] = of_riders * sizes[rides, None] / 2
     return Outline(signs, offsets)
 

@@ -1,9 +1,9 @@
 // Thinning and single-linkage clustering of a cloud: see `detectors/cluster/clusters.py`.
 #include "arrays.h"
+#include "radix.h"
 #include "ranges.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -31,13 +31,13 @@ constexpr double ROOM = 1.0 + 1e-6;
 const double HALF_ROOT = std::sqrt(0.5);
 
 // The last step of a rising series that a value reaches; 0 before the first.
-static inline __attribute__((always_inline)) int64_t level_of(double value, const double *series, int64_t steps) {
+LIDCAM_PART int64_t level_of(double value, const double *series, int64_t steps) {
     int64_t level = 0;
     while (level + 1 < steps && value >= series[level + 1]) level++;
     return level;
 }
 
-static inline __attribute__((always_inline)) double exact(double value) {
+LIDCAM_PART double exact(double value) {
     return std::nearbyint(value * RESOLUTION_PER_M) / RESOLUTION_PER_M;
 }
 
@@ -67,22 +67,6 @@ struct Run {
     uint64_t key;
     int64_t row;  // of the first one
 };
-
-// Runs in rising order of their keys: by digits of eleven bits.
-void sort_runs(std::vector<Run> &runs) {
-    constexpr int BITS = 11, MASK = (1 << BITS) - 1;
-    uint64_t differing = 0;
-    for (const Run &run : runs) differing |= run.key ^ runs[0].key;
-    std::vector<Run> sorted(runs.size());
-    for (int shift = 0; shift < 64; shift += BITS) {
-        if ((differing >> shift & MASK) == 0) continue;
-        std::array<size_t, MASK + 2> stops = {};
-        for (const Run &run : runs) stops[(run.key >> shift & MASK) + 1]++;
-        for (int digit = 0; digit < MASK; digit++) stops[digit + 1] += stops[digit];
-        for (const Run &run : runs) sorted[stops[run.key >> shift & MASK]++] = run;
-        runs.swap(sorted);
-    }
-}
 
 // What is known of the points of a cell.
 struct Cell {
@@ -133,7 +117,11 @@ Cells grouped(const double *points, const double *distance_m, int64_t count, dou
         runs[found - 1] = {keys[i], row};
     }
     runs.resize(found);
-    sort_runs(runs);
+    uint64_t largest = 0;
+    for (const Run &run : runs) largest = std::max(largest, run.key);
+    int bits = 0;
+    while (bits < 64 && largest >> bits) bits++;
+    radix_sort(runs, 0, bits, [](const Run &run) { return run.key; });
     size_t used = 0;
     for (size_t k = 0; k < found; k++) used += k == 0 || runs[k].key != runs[k - 1].key;
 
@@ -171,7 +159,7 @@ nb::tuple cells_of_points(In2<double> points, In1<double> distance_m, double sha
 }
 
 // Bucket of a coordinate along a grid, clamped at the first and the last one.
-static inline __attribute__((always_inline)) int64_t bucket_of(double way_m, double per_m) {
+LIDCAM_PART int64_t bucket_of(double way_m, double per_m) {
     const double place = way_m * per_m;
     if (!(way_m > 0.0)) return 0;
     return int64_t(place < MAX_BUCKET ? place : MAX_BUCKET);

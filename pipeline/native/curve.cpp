@@ -5,6 +5,7 @@
 
 #include "arrays.h"
 #include "radix.h"
+#include "ranges.h"
 
 #include <algorithm>
 #include <numeric>
@@ -22,25 +23,8 @@ constexpr int64_t ROW = (int64_t(1) << ROW_BITS) - 1;
 constexpr int CHUNK = 1024;  // points that are numbered at once, so that their cells stay in the processor's cache
 constexpr int CROWD = 256;   // more points than this in one cell are sorted anew, in smaller cells
 
-// The smallest and the largest value.
 LIDCAM_HOT void find_ends(const float *values, int64_t count, float &low, float &high) {
-    constexpr int LANES = 16;  // in as many series, since the order of minima does not matter
-    float lows[LANES], highs[LANES];
-    std::fill(lows, lows + LANES, values[0]);
-    std::fill(highs, highs + LANES, values[0]);
-    for (int64_t i = 0; i + LANES <= count; i += LANES) {
-        for (int lane = 0; lane < LANES; lane++) {
-            const float value = values[i + lane];
-            lows[lane] = value < lows[lane] ? value : lows[lane];
-            highs[lane] = value > highs[lane] ? value : highs[lane];
-        }
-    }
-    for (int64_t i = count / LANES * LANES; i < count; i++) {
-        lows[0] = std::min(lows[0], values[i]);
-        highs[0] = std::max(highs[0], values[i]);
-    }
-    low = *std::min_element(lows, lows + LANES);
-    high = *std::max_element(highs, highs + LANES);
+    range_of<16>(values, count, low, high);
 }
 
 // Inverts the lower bits of x if the bit is set in the other number; else exchanges those of both.
@@ -106,17 +90,6 @@ LIDCAM_HOT void find_places(const float *const *xyz, int64_t count, const double
     }
 }
 
-nb::object curve_order(In2<float> points) {
-    const int64_t count = points.shape(1);
-    Out<int64_t> order({size_t(count)}, unset);
-    {
-        nb::gil_scoped_release unlocked;
-        const float *x = points.data();
-        order_along_curve(x, x + count, x + 2 * count, count, order.data());
-    }
-    return order.numpy();
-}
-
 }  // namespace
 
 void order_along_curve(const float *x, const float *y, const float *z, int64_t count, int64_t *order) {
@@ -150,5 +123,3 @@ void order_along_curve(const float *x, const float *y, const float *z, int64_t c
         for (int64_t i = begin; i < end; i++) order[i] = crowd[order[i]];
     }
 }
-
-void add_curve(nb::module_ &kernels) { kernels.def("curve_order", &curve_order, array("points")); }

@@ -286,19 +286,15 @@ LIDCAM_HOT void part(const float *xyz, int64_t count, const bool *kept, Plane pl
     const double reach_m = distance_m + 1e-9 * (distance_m - lowest + highest);
     const double below_m = lowest - reach_m, above_m = highest + reach_m;
     const float plane_reach_m = float(distance_m);
-    const bool has_nodes = grid.height * grid.width > 0;
     int64_t left = 0, level = 0, above = 0;
     for (int64_t i = 0; i < count; i++) {
         const float height = height_of(plane, xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]);
         const bool on_plane = std::abs(height) <= plane_reach_m;
-        bool on_ground = on_plane;
-        if (has_nodes) {
-            on_ground = false;
-            if (below_m <= height && height <= above_m) {
-                const double x = (xyz[3 * i] - grid.origin_x) / grid.cell_m;
-                const double y = (xyz[3 * i + 1] - grid.origin_y) / grid.cell_m;
-                on_ground = std::abs(height - between(grid.offsets_m, grid.height, grid.width, x, y)) <= distance_m;
-            }
+        bool on_ground = false;
+        if (below_m <= height && height <= above_m) {
+            const double x = (xyz[3 * i] - grid.origin_x) / grid.cell_m;
+            const double y = (xyz[3 * i + 1] - grid.origin_y) / grid.cell_m;
+            on_ground = std::abs(height - between(grid.offsets_m, grid.height, grid.width, x, y)) <= distance_m;
         }
         // Written over by the next one that belongs there.
         parts.left[left] = parts.level[level] = parts.above[above] = i;

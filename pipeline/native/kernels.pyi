@@ -7,10 +7,7 @@ from lidcam.pipeline.core.arrays import F32, F64, I32, I64, U8, Bools, Indices
 def columns_of_rows(costs: F64) -> Indices:
     """(R,) the column of each row of costs (R, C), R <= C."""
 
-# curve.cpp, neighbors.cpp
-
-def curve_order(points: F32) -> I64:
-    """(N,) indices of the points (3, N), finite, N >= 1, along a curve; points at one place by their indices."""
+# neighbors.cpp
 
 def mean_neighbor_distance_m(xyz: F32, neighbors: int) -> F32:
     """(N,) mean distance of finite points (N, 3) to 1 to N - 1 nearest neighbours, other than itself, as PCL rounds it.
@@ -29,31 +26,19 @@ def moved(xyz: F32, matrix: F32) -> F32:
 def moved_each(xyz: F32, since_ns: I64, matrices: F32, step_ns: int) -> F32:
     """Points (N, 3), each moved by the matrix of its time.
 
-    Args:
-        xyz: (N, 3) metres.
-        since_ns: (N,) times since that of the first matrix, not negative.
-        matrices: (K, 3, 4), one each `step_ns`, the last beyond the last point; between two of them, their numbers are
-            interpolated.
-        step_ns: The interval of the matrices.
+    `since_ns` (N,) is the time since the first of the matrices (K, 3, 4), of which there is one each `step_ns` and one
+    beyond the last point; between two of them, their numbers are interpolated.
     """
 
 # ground.cpp: `lidcam.pipeline.filters.ground`
 
 def lowest_of_cells(points: F32, cell_m: float) -> I64:
-    """(M,) row of the lowest point of each occupied cell of a square grid over x and y, ordered by cell.
-
-    Args:
-        points: (3, N) metres, finite; of equally low ones the first is taken.
-        cell_m: Edge of the cells.
-    """
+    """(M,) row of the first of the lowest points (3, N) in each cell of a square grid, ordered by cell."""
 
 def count_layers(points: F32, planes: F32, layer_m: float) -> tuple[I64, I64]:
-    """(K,) number of points within a layer of each plane, and in the fuller of the equal layers above and below.
+    """(K,) number of points (3, N) within a layer of each plane (K, 4), and in the fuller of the two beside it.
 
-    Args:
-        points: (3, N) metres, finite.
-        planes: (K, 4) unit normal and offset.
-        layer_m: Points at most this far from a plane, on either side, are in its layer.
+    A layer reaches `layer_m` to both sides of a plane; those above and below it are as thick.
     """
 
 def scatter_within(points: F32, plane: F32, limit_m: float) -> tuple[F64, F64]:
@@ -71,14 +56,7 @@ def parted(
 ) -> tuple[I64, I64, I64]:
     """Rows of the points that are kept and not on a plane, that are kept and on it, and that are not on the ground.
 
-    Args:
-        xyz: (N, 3) metres.
-        kept: (N,) which points count for the first two.
-        plane: (4,) unit normal and offset.
-        distance_m: On the plane or on the ground is what is at most this far from it.
-        origin_xy: See `Relief`, as for the next two, which say how the ground differs from the plane.
-        cell_m: Likewise.
-        offsets_m: Likewise; without nodes, the ground is the plane.
+    On it is what is at most `distance_m` from the plane (4,), or from the ground, which differs from that by `Relief`.
     """
 
 # relief.cpp: `lidcam.pipeline.filters.relief`
@@ -96,16 +74,9 @@ def lowest_heights(
 ) -> tuple[I64, F64]:
     """(M,) the cells of a grid that hold points near a plane, and (M,) the mean height of the lowest of them above it.
 
-    Args:
-        points: (3, N) metres, finite.
-        plane: (4,) unit normal and offset.
-        middle: (2,) of the lidars.
-        origin: (2,) corner of the grid, metres; cells are counted from it, along x first.
-        cell_m: Edge of the cells.
-        side: Cells of the grid along each axis, at most 46340.
-        reach_m: Points this far from the plane are near, however near the lidars.
-        slope: Points this share of their distance from the lidars farther away are, too.
-        layer_m: The mean is that of the points up to this much above the lowest of their cell.
+    Cells are counted from `origin` (2,) on, along x first, `side` of them along each axis, at most 46340. Points (3, N)
+    are near up to `reach_m` from the plane (4,), and `slope` more for each metre from the `middle` (2,) of the lidars.
+    The mean is that of points up to `layer_m` above the lowest of their cell.
     """
 
 def grown_surface(
@@ -123,19 +94,11 @@ def grown_surface(
 ) -> F64:
     """(side, side) a surface that grows from zero towards heights; where there are none, it goes on as it is nearby.
 
-    Args:
-        xy: (M, 2) where the heights are, in nodes: 0 to side - 1.
-        heights_m: (M,) heights.
-        side: Nodes along each axis.
-        taps: Half a kernel of the smoothing of each round, from its middle on, one after another; then that of the
-            filling, and that of the borders of what is known.
-        counts: (rounds + 2,) their lengths.
-        near_m: (rounds,) a height at most this far from the surface pulls it.
-        standing_m: Heights farther above the surface than this pull with `standing_weight` instead of 1.
-        standing_weight: See above.
-        max_weight: Largest sum of weights of a node.
-        prior_weight: Weight of the last surface against the heights of a node.
-        fill_weight: Weight of zero where nothing is known.
+    The heights (M,) are at `xy` (M, 2), in nodes. `taps` holds half a kernel of the smoothing of each round, from its
+    middle on, one after another, then that of the filling, and that of the borders of what is known; `counts`
+    (rounds + 2,) are their lengths. In a round, heights at most `near_m` (rounds,) from the surface pull it; those
+    farther above it than `standing_m` with `standing_weight` instead of 1. The weights of a node sum up to `max_weight`
+    at most; the last surface has `prior_weight`, and zero, where nothing is known, `fill_weight`.
     """
 
 # clusters
@@ -143,34 +106,24 @@ def grown_surface(
 def cells_of_points(
     points: F64, distance_m: F64, share: float, edges_m: F64, group: I64, groups: int
 ) -> tuple[F64, F64, I64, I64, I64]:
-    """The fields of `Cells` for at least one point (N, 3), metres; see `thin_points`.
+    """The fields of `Cells` for at least one point (N, 3), see `thin_points`.
 
     The edge of a cell is the longest of `edges_m`, a rising series, that is no longer than the share of the distance.
-    `group` is from 0 to `groups` - 1.
+    `group` is below `groups`.
     """
 
 def linked_parts(points: F64, distance_m: F64, series: F64) -> tuple[int, I64]:
-    """Connected parts of the graph of points at most the smaller of their distances apart.
+    """Number of the connected parts of the graph of points at most the smaller of their distances apart, and (N,) them.
 
-    Each part grows from its first point, and what is reached is taken out of its bucket: it is not met again. The
-    points of each level of distances lie in a square grid of their own, with buckets of that size, so that far points
-    with their wide search do not look at many near ones.
-
-    Args:
-        points: (N, 3) metres.
-        distance_m: (N,) positive.
-        series: Levels of these: a rising series from the least one.
-
-    Returns:
-        The number of parts, and (N,) the part of each point, numbered in order of their first point.
+    Points (N, 3) are numbered by their parts, in order of the first point of each. Those of a level of distances, steps
+    of a rising series, lie in a square grid of their own, so that far points with their wide search do not look at many
+    near ones.
     """
 
 def cluster_extents(position: F64, weights: I64, cluster: I64, clusters: int) -> tuple[I64, I64, I64, F64, F64]:
-    """The points (N, 3) and extents of C clusters, each of at least one point.
+    """(N,) rows of points (N, 3), cluster after cluster; (C + 1,) the first of each, and N; (C,) sums of their weights.
 
-    Returns:
-        (N,) rows of the points, cluster after cluster; (C + 1,) the first of each cluster, and N; (C,) sum of their
-        weights; (C, 5) lowest and highest place of the points along x, y, the two diagonals between these, and z.
+    Then (C, 5) lowest and highest place along x, y, the two diagonals between these, and z.
     """
 
 # lshape: points (N, 2 or more) are sorted by cluster, and `ends` (C,) are the rows behind the last ones of clusters
@@ -231,19 +184,12 @@ def completed_boxes(
     """The fields of `CompletedBoxes`, see `complete_boxes`; `given_ids` are -1 where the class is to be chosen."""
 
 def box_shapes(position: F64, starts: I64, placed: F64, heading: F64, sight: F64, reach_m: float) -> tuple[F64, F64]:
-    """What is told of the points in and around each box.
+    """Numbers (B, 7) and shapes (B, 26) of the points in and around each box, see `box_features`.
 
-    Args:
-        position: (P, 3) x and y in the site frame and height above the ground, sorted by box, metres.
-        starts: (B + 1,) first point of each box, and P.
-        placed: (B, 5) x and y of the centre, and the size of each box, metres.
-        heading: (B, 2) unit vector along its length.
-        sight: (B, 2) unit vector to the nearest lidar, in the frame of the box.
-        reach_m: Distance from a box up to which points count as around it.
-
-    Returns:
-        (B, 7) numbers of points inside, at the ends, at the sides, nearer, farther, high beside and above each box; and
-        (B, 26) the columns of `FEATURES` from `low` on, zeros for fewer than three points.
+    `placed` (B, 5) are x and y of the centre and the size of each box, `heading` (B, 2) the direction of its length,
+    `sight` (B, 2) that of the nearest lidar in its frame. The numbers are those of points inside, at the ends, at the
+    sides, nearer, farther, high beside and above. The shapes are the columns of `FEATURES` from `low` on, zeros for
+    fewer than three points.
     """
 
 # sight
@@ -264,9 +210,8 @@ def hidden_below(
     """(C,) whether clusters are hidden below in enough of the sectors that they extend over, see `Sight`.
 
     The first point of a cluster in each sector stands for all of them. `first` (S + 1,), `distance_m` and `slope` (N,)
-    are of all points, those of `Sight`. `height_m`, `sector`, the distance `far_m` from their lidar and the
-    `lidar_height_m` of that are of the clusters' points (P,); `starts` (C,) are the first ones, each cluster has one.
-    A line of sight that hides something comes to at least `from_m` above the ground.
+    are the fields of `Sight`; `height_m`, `sector`, `far_m` from the lidar and `lidar_height_m` are of the clusters'
+    points (P,), from `starts` (C,) on. What hides comes to at least `from_m` above the ground.
     """
 
 ONE: Final[int]
@@ -299,14 +244,9 @@ def cdr(type: CdrType, message: Any) -> bytes:
 def nearest_in_cells(matrices: F32, low: F32, cell: F32, xyz: F32, rows: int, columns: int, near_m: float) -> F32:
     """(C, rows, columns) range of the nearest of the points (P, 3) in each cell of a camera's view, metres, or inf.
 
-    Args:
-        matrices: (C, 4, 4) from the frame of the points to the cameras.
-        low: (C, 2) low ends of the views across and down, in the plane one metre ahead.
-        cell: (C, 2) width and height of a cell there.
-        xyz: (P, 3) metres.
-        rows: Number of cells down.
-        columns: Number of cells across.
-        near_m: Points at this depth or nearer count for nothing.
+    `matrices` (C, 4, 4) lead from the frame of the points to the cameras. `low` (C, 2) are low ends of the views across
+    and down, `cell` (C, 2) width and height of a cell, in the plane one metre ahead. Nearer points than `near_m` count
+    for nothing.
     """
 
 def outermost_points(
@@ -324,29 +264,10 @@ def outermost_points(
     equidistant: Bools,
     limits: F64,
 ) -> tuple[F64, F64, Indices, Bools]:
-    """The leftmost, topmost, rightmost and bottommost point of each object in the image of its camera.
+    """The leftmost, topmost, rightmost and bottommost point of each object, see `project_edges`.
 
-    Points of an object are at `signs * size / 2 + offsets` along the axes of its box.
-
-    Args:
-        centers: (Q, 3) centres of boxes in the site frame, metres.
-        sizes: (Q, 3) length, width, height, metres.
-        cosines: (Q,) of the yaws.
-        sines: (Q,) of the yaws.
-        rows: (Q,) camera and outline of each box, of P of both.
-        signs: (S, 3), the same for all; S is at least 1.
-        offsets: (P, S, 3) metres, or (1, S, 3) if they are the same for all.
-        rotations: (P, 3, 3) site to camera.
-        translations: (P, 3) metres.
-        K: (P, 3, 3), and so on: the fields of `Lenses`.
-        coefficients: (P, 8).
-        equidistant: (P,).
-        limits: (P,).
-
-    Returns:
-        (Q, 4) u, v, u, v of these points, pixels; (Q, 4, 7) their derivatives by x, y, yaw, length, width, height, z of
-        the box; (Q, 4) which of the S points they are, of those alike the first; (Q,) whether all points of the object
-        are ahead and within the lens model.
+    After the cosines and sines of the yaws come the fields of `Outline`, `CameraArrays` and, from `K` on, `Lenses`.
+    The third output, (Q, 4), is which point of the outline each is, of those alike the first.
     """
 
 def pillar_features(

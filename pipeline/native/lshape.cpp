@@ -76,8 +76,7 @@ class Thinning {
 
 // Moves the ends of a histogram inwards, with at most the mass `outside` behind either; masses are whole, and sums
 // exact.
-static inline __attribute__((always_inline)) void trim(const double *mass, double total, double outside, double step,
-                                                       double &low, double &high) {
+LIDCAM_PART void trim(const double *mass, double total, double outside, double step, double &low, double &high) {
     int first = 0, last = BINS;
     double below = mass[0], above = mass[BINS - 1];
     const double inside = total - outside;

@@ -1,17 +1,17 @@
 // The least and the largest of many values.
 #pragma once
 
-#include <algorithm>
-#include <cstdint>
+#include "arrays.h"
 
-// Of at least one value; four at a time, since each comparison waits for the one before.
-static inline __attribute__((always_inline)) void range_of(const double *values, int64_t count, double &low,
-                                                           double &high) {
-    double lows[4], highs[4];
-    for (int lane = 0; lane < 4; lane++) lows[lane] = highs[lane] = values[0];
+#include <algorithm>
+
+// Of at least one value; several at a time, since each comparison waits for the one before.
+template <int LANES = 4, class T> LIDCAM_PART void range_of(const T *values, int64_t count, T &low, T &high) {
+    T lows[LANES], highs[LANES];
+    for (int lane = 0; lane < LANES; lane++) lows[lane] = highs[lane] = values[0];
     int64_t i = 0;
-    for (; i + 4 <= count; i += 4) {
-        for (int lane = 0; lane < 4; lane++) {
+    for (; i + LANES <= count; i += LANES) {
+        for (int lane = 0; lane < LANES; lane++) {
             lows[lane] = values[i + lane] < lows[lane] ? values[i + lane] : lows[lane];
             highs[lane] = values[i + lane] > highs[lane] ? values[i + lane] : highs[lane];
         }
@@ -20,6 +20,6 @@ static inline __attribute__((always_inline)) void range_of(const double *values,
         lows[0] = std::min(lows[0], values[i]);
         highs[0] = std::max(highs[0], values[i]);
     }
-    low = *std::min_element(lows, lows + 4);
-    high = *std::max_element(highs, highs + 4);
+    low = *std::min_element(lows, lows + LANES);
+    high = *std::max_element(highs, highs + LANES);
 }

@@ -99,7 +99,7 @@ class Combine:
             return _Ground(None, None, np.flatnonzero(kept), np.arange(0), np.arange(len(xyz_site)))
         relief = find_relief(kept_xyz, origins, plane, config)
         rounded = np.append(plane.normal, plane.offset_m).astype(np.float32)
-        grid = (relief.origin_xy, relief.cell_m, relief.offsets_m) if relief else (np.zeros(2), 1.0, np.zeros((0, 0)))
+        grid = (relief.origin_xy, relief.cell_m, relief.offsets_m)
         return _Ground(plane, relief, *parted(xyz_site, kept, rounded, config.distance_m, *grid))
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64, I64, Bools, replace_rows
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes3D, Matches, Source
-from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.core.geometry.overlaps import OVERLAP_SHARE, overlap_shares, without_overlaps
 from lidcam.pipeline.core.geometry.rotated_iou import ious
 from lidcam.pipeline.core.rig import Rig
@@ -159,20 +158,7 @@ class Propose:
 
 
 def _as_boxes(found: Candidates3D, lidar: Boxes3D) -> Boxes3D:
-    count = len(found.scores)
-    return Boxes3D(
-        stamp_ns=lidar.stamp_ns,
-        frame_id=lidar.frame_id,
-        centers=found.centers,
-        sizes=found.sizes,
-        yaws=wrap_angle(found.yaws),
-        scores=found.scores.astype(np.float32),
-        class_ids=found.class_ids.astype(np.int32),
-        point_counts=found.point_counts.astype(np.int32),
-        covariances=found.covariances,
-        sources=np.full(count, Source.BOTH, np.uint8),
-        measured_ns=lidar.stamp_ns + found.time_offsets_ns,
-    )
+    return found.as_boxes(np.arange(len(found.scores)), lidar.stamp_ns, lidar.frame_id, Source.BOTH)
 
 
 def _are_lidar_boxes(boxes: Boxes3D, lidar: Boxes3D, is_matched: Bools) -> Bools:

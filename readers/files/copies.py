@@ -3,17 +3,34 @@
 import os
 import shutil
 import sqlite3
-from collections.abc import Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import BinaryIO, NamedTuple
 
 import zstandard
 
+from lidcam.pipeline.core.ending import undone_at_once
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.files.damage import Losses
-from lidcam.readers.files.temporary import temporary_folder
+
+
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """A new folder in the system's temporary folder; removed at the end of the block, or when a signal ends the run.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    with (
+        TemporaryDirectory(prefix="lidcam-", ignore_cleanup_errors=True) as folder,
+        undone_at_once(partial(shutil.rmtree, folder, ignore_errors=True)),
+    ):
+        yield Path(folder)
+
 
 PIECE_BYTES = 1 << 20
 DISK_RESERVE = 1 << 28

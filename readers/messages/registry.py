@@ -44,7 +44,7 @@ TYPES: dict[str, MessageType] = {
     "autoware_auto_perception_msgs/msg/DetectedObjects": MessageType(
         "3D boxes", "lidcam.readers.messages.objects.autoware:decode_detected_objects"
     ),
-    "nav_msgs/msg/Odometry": MessageType("odometry", "lidcam.readers.messages.odometry:decode_odometry"),
+    "nav_msgs/msg/Odometry": MessageType("odometry", "lidcam.readers.messages.tf:decode_odometry"),
     "tf/msg/tfMessage": MessageType("transforms", "lidcam.readers.messages.tf:decode_transforms"),
     "tf2_msgs/msg/TFMessage": MessageType("transforms", "lidcam.readers.messages.tf:decode_transforms"),
     "diagnostic_msgs/msg/DiagnosticArray": MessageType(

@@ -21,8 +21,15 @@ from lidcam.pipeline.core.messages import Drop, RawMessage, time_fault
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
-from lidcam.readers.messages.odometry import ODOMETRY, decode_odometry
-from lidcam.readers.messages.tf import TF_TYPES, RecordedTransforms, clean_frame, decode_transforms, tf_topics
+from lidcam.readers.messages.tf import (
+    ODOMETRY,
+    TF_TYPES,
+    RecordedTransforms,
+    clean_frame,
+    decode_odometry,
+    decode_transforms,
+    tf_topics,
+)
 from lidcam.readers.recording import Recording
 from lidcam.readers.rig.first_messages import FirstMessages
 

@@ -13,8 +13,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import TruthVehicle
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.evaluation_frame import TruthBoxes3D
-from lidcam.readers.messages.odometry import ODOMETRY, decode_odometry
-from lidcam.readers.messages.tf import RecordedTransforms
+from lidcam.readers.messages.tf import ODOMETRY, RecordedTransforms, decode_odometry
 from lidcam.readers.notes import Notes
 from lidcam.readers.recording import Recording
 from lidcam.readers.truth.boxes import Labelled, truth_boxes_3d

@@ -12,8 +12,9 @@ from random import Random
 
 from common import Outcome, campaign, is_one_line, run_child  # isort: skip
 import numpy as np
-from onnx_files import FLOAT, _bytes, _int, _ints, _node, _tensor, _value, _varint_field, write_model, write_yolox
-from onnx_networks import INT64, write_network
+from onnx import NodeProto, TensorProto, ValueInfoProto, helper
+from onnx_files import FLOAT, INT64, _node, _tensor, _value, write_model, write_yolox
+from onnx_networks import write_network
 
 from lidcam.pipeline.core.arrays import Array
 
@@ -122,41 +123,37 @@ def _sizes(path: Path, chance: Random) -> tuple[str, bool]:
     side = chance.choice((0, -32, 32, 4096, 1 << 15, 1 << 20, (1 << 31) - 32, 1 << 40))
     other = chance.choice((side, 64))
     batch = chance.choice((1, 1, 0, -1, 4096, 1 << 31, "N"))
-    count = batch if isinstance(batch, str) else batch % 2**64
-    _network(path, [], _value("images", (count, 3, side % 2**64, other % 2**64), FLOAT))
+    _network(path, [], _value("images", (batch, 3, side, other), FLOAT))
     return f"an input of {batch} x {side} x {other}", side == other == 32  # where 84 x 85 is an output of YOLOv8
 
 
 def _network(
     path: Path,
-    nodes: Sequence[bytes],
-    inputs: bytes = b"",
+    nodes: Sequence[NodeProto],
+    inputs: ValueInfoProto | None = None,
     *,
-    bias: bytes = b"",
+    bias: TensorProto | None = None,
     added: str = "bias",
-    constants: Sequence[bytes] = (),
-    domain: bytes = b"",
+    constants: Sequence[TensorProto] = (),
+    domain: str = "",
 ) -> None:
     """A network that adds nothing to its bias, or to what other nodes make."""
     main = [
-        _node("ReduceMean", ["images"], "mean", _ints("axes", [1, 2, 3]), _int("keepdims", 0)),
-        _node("Unsqueeze", ["mean"], "column", _ints("axes", [1, 2])),
+        _node("ReduceMean", ["images"], "mean", axes=[1, 2, 3], keepdims=0),
+        _node("Unsqueeze", ["mean"], "column", axes=[1, 2]),
         _node("Mul", ["column", "zero"], "nothing"),
         _node("Add", ["nothing", added], "output0"),
     ]
     bias = bias or _tensor("bias", np.full(OUTPUT, 0.25, np.float32), FLOAT)
     zero = _tensor("zero", np.zeros((1, 1, 1), np.float32), FLOAT)
     shown = [inputs or _value("images", (1, 3, *SIZE_PX), FLOAT)]
-    write_model(path, [*nodes, *main], (zero, bias, *constants), shown, [_value("output0", OUTPUT, FLOAT)])
-    if domain:
-        path.write_bytes(path.read_bytes() + _bytes(8, _bytes(1, domain) + _varint_field(2, 1)))
+    stated = [_value("output0", OUTPUT, FLOAT)]
+    write_model(path, [*nodes, *main], (zero, bias, *constants), shown, stated, domain=domain)
 
 
-def _constant(name: str, values: Array) -> bytes:
+def _constant(name: str, values: Array) -> NodeProto:
     """A node that gives whole numbers."""
-    return _node(
-        "Constant", [], name, _bytes(1, b"value") + _bytes(5, _tensor("", values, INT64)) + _varint_field(20, 4)
-    )
+    return _node("Constant", [], name, value=_tensor("", values, INT64))
 
 
 def _outside(path: Path, chance: Random) -> tuple[str, bool]:
@@ -167,9 +164,10 @@ def _outside(path: Path, chance: Random) -> tuple[str, bool]:
     length = chance.choice((ROWS * 85 * 4, 0, 1, 2**40))
     offset = chance.choice((0, 0, 0, 2**62, -1))
     entries = {"location": location, "offset": str(offset), "length": str(length)}
-    dims = b"".join(_varint_field(1, n) for n in OUTPUT)
-    stored = b"".join(_bytes(13, _bytes(1, k.encode()) + _bytes(2, v.encode())) for k, v in entries.items())
-    _network(path, [], bias=dims + _varint_field(2, FLOAT) + _bytes(8, b"bias") + stored + _varint_field(14, 1))
+    bias = TensorProto(name="bias", data_type=FLOAT, dims=OUTPUT, data_location=TensorProto.EXTERNAL)
+    for key, value in entries.items():
+        bias.external_data.add(key=key, value=value)
+    _network(path, [], bias=bias)
     return f"weights of {length} bytes in {location}", location == "inside.bin"
 
 
@@ -178,10 +176,10 @@ def _huge_constant(path: Path, chance: Random) -> tuple[str, bool]:
     shape = np.array(chance.choice(([1 << 16, 1 << 16], [1 << 20, 1 << 20], [1 << 31, 8], [1 << 14, 1 << 14, 20])))
     nodes = [_constant("shape", shape), _node("ConstantOfShape", ["shape"], "huge")]
     used = chance.choice(("ReduceSum", "Exp", "Identity"))
-    nodes.append(_node(used, ["huge"], "small", *([_int("keepdims", 1)] if used == "ReduceSum" else [])))
+    nodes.append(_node(used, ["huge"], "small", **({"keepdims": 1} if used == "ReduceSum" else {})))
     added = "bias"
     if chance.random() < 0.7:  # else nothing needs it
-        nodes += [_node("ReduceMean", ["small"], "point", _int("keepdims", 0)), _node("Add", ["point", "bias"], "sum")]
+        nodes += [_node("ReduceMean", ["small"], "point", keepdims=0), _node("Add", ["point", "bias"], "sum")]
         added = "sum"
     _network(path, nodes, added=added)
     return f"a constant of {shape.tolist()}, {used}", True
@@ -193,7 +191,7 @@ def _tiles(path: Path, chance: Random) -> tuple[str, bool]:
     repeats = np.array([1, 1, 1000, 1000] if chance.random() < 0.5 else [1000, 100, 1, 1], np.int64)
     nodes = [_constant("repeats", repeats)]
     nodes += [_node("Tile", [f"t{i}" if i else "images", "repeats"], f"t{i + 1}") for i in range(times)]
-    nodes += [_node("ReduceMean", [f"t{times}"], "point", _int("keepdims", 0)), _node("Add", ["point", "bias"], "sum")]
+    nodes += [_node("ReduceMean", [f"t{times}"], "point", keepdims=0), _node("Add", ["point", "bias"], "sum")]
     _network(path, nodes, added=chance.choice(("bias", "sum")))
     return f"{times} tiles", True
 
@@ -202,27 +200,20 @@ def _loop(path: Path, chance: Random) -> tuple[str, bool]:
     """A loop of 2^62 turns whose result the output needs."""
     del chance
     inner = _node("Identity", ["cond_in"], "cond_out"), _node("Add", ["sum_in", "sum_in"], "sum_out")
-    body = b"".join(_bytes(1, node) for node in inner) + _bytes(2, b"body")
-    for field, name, shape, kind in (
-        (11, "turn", (), INT64),
-        (11, "cond_in", (), BOOL),
-        (11, "sum_in", OUTPUT, FLOAT),
-        (12, "cond_out", (), BOOL),
-        (12, "sum_out", OUTPUT, FLOAT),
-    ):
-        body += _bytes(field, _value(name, shape, kind))
-    attribute = _bytes(1, b"body") + _bytes(6, body) + _varint_field(20, 5)
+    before = [_value("turn", (), INT64), _value("cond_in", (), BOOL), _value("sum_in", OUTPUT, FLOAT)]
+    after = [_value("cond_out", (), BOOL), _value("sum_out", OUTPUT, FLOAT)]
+    body = helper.make_graph(inner, "body", before, after)
     turns, true = _tensor("turns", np.array(1 << 62), INT64), _tensor("true", np.array(True), BOOL)
     start = _tensor("start", np.zeros(OUTPUT, np.float32), FLOAT)
-    loop = _node("Loop", ["turns", "true", "start"], "endless", attribute)
+    loop = _node("Loop", ["turns", "true", "start"], "endless", body=body)
     _network(path, [loop], added="endless", constants=(turns, true, start))
     return "a loop without end", False
 
 
 def _custom(path: Path, chance: Random) -> tuple[str, bool]:
-    domain = chance.choice((b"", b"com.example", b"com.microsoft", b"ai.onnx.ml", b"../../lib"))
+    domain = chance.choice(("", "com.example", "com.microsoft", "ai.onnx.ml", "../../lib"))
     op = chance.choice(("System", "../evil.so", "LoadLibrary", "PyOp", "Add" * 1000))
-    _network(path, [_node(op, ["images"], "custom") + _bytes(7, domain)], domain=domain)
+    _network(path, [_node(op, ["images"], "custom", domain=domain)], domain=domain)
     return f"the operator {op[:20]} of {domain!r}", False
 
 

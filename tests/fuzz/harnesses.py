@@ -46,7 +46,7 @@ from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.readers.streams.survey import survey
 from lidcam.readers.truth.kitti import KittiTruth
 from lidcam.readers.truth.open import open_truth
-from lidcam.readers.velodyne.calibration import read_velodyne_calibration
+from lidcam.readers.velodyne.decoder import read_velodyne_calibration
 from lidcam.readers.velodyne.models import MODELS
 from lidcam.writers.mcap.writer import McapResultWriter
 from lidcam.writers.outputs.transaction import OutputFile

@@ -40,9 +40,8 @@ from lidcam.readers.messages.diagnostics import decode_diagnostics
 from lidcam.readers.messages.image import decode_any_image
 from lidcam.readers.messages.livox import decode_livox
 from lidcam.readers.messages.objects.tracks import decode_tracks
-from lidcam.readers.messages.odometry import decode_odometry
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
-from lidcam.readers.messages.tf import decode_transforms, read_transforms
+from lidcam.readers.messages.tf import decode_odometry, decode_transforms, read_transforms
 from lidcam.readers.messages.to_ros2 import to_ros2
 from lidcam.readers.messages.vision.detections2d import decode_detections2d
 from lidcam.readers.messages.vision.detections3d import decode_detections3d

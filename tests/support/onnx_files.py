@@ -1,4 +1,4 @@
-"""ONNX files for tests, written byte by byte (protobuf wire format, field numbers of onnx.proto3, opset 11).
+"""ONNX files for tests, of opset 11.
 
 The network is a YOLOX in shape only: each output row is `bias + brightness * weight`, where brightness is the weighted
 mean of the input's channels, so that what comes out depends on what goes in and is known by hand.
@@ -6,13 +6,14 @@ mean of the input's channels, so that what comes out depends on what goes in and
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from onnx import NodeProto, TensorProto, ValueInfoProto, helper
 
 from lidcam.pipeline.core.arrays import Array
 
-FLOAT, DOUBLE = 1, 11
-ATTRIBUTE_INT, ATTRIBUTE_INTS = 2, 7
+FLOAT, DOUBLE, INT64, FLOAT16 = 1, 11, 7, 10
 
 
 def write_yolox(
@@ -34,9 +35,9 @@ def write_yolox(
     weight = np.zeros_like(bias) if weight is None else weight
     channels = len(channel_weights)
     nodes = [
-        _node("ReduceMean", ["images"], "means", _ints("axes", [2, 3]), _int("keepdims", 0)),
+        _node("ReduceMean", ["images"], "means", axes=[2, 3], keepdims=0),
         _node("MatMul", ["means", "channel_weights"], "brightness"),
-        _node("Unsqueeze", ["brightness"], "column", _ints("axes", [2])),
+        _node("Unsqueeze", ["brightness"], "column", axes=[2]),
         _node("Mul", ["column", "weight"], "gain"),
         *(_node("Add", ["gain", "bias"], f"output{i}") for i in range(outputs)),
     ]
@@ -52,62 +53,32 @@ def write_yolox(
 
 def write_model(
     path: Path,
-    nodes: Sequence[bytes],
-    constants: Sequence[bytes],
-    inputs: Sequence[bytes],
-    outputs: Sequence[bytes],
+    nodes: Sequence[NodeProto],
+    constants: Sequence[TensorProto],
+    inputs: Sequence[ValueInfoProto],
+    outputs: Sequence[ValueInfoProto],
     *,
     metadata: Mapping[str, str] | None = None,
-    inner: Sequence[bytes] = (),
+    inner: Sequence[ValueInfoProto] = (),
+    domain: str = "",
 ) -> Path:
-    """Write a network of parts; `inner` states the shapes of values between its nodes."""
-    graph = b"".join(_bytes(1, node) for node in nodes) + _bytes(2, b"network")
-    for number, parts in ((5, constants), (11, inputs), (12, outputs), (13, inner)):
-        graph += b"".join(_bytes(number, part) for part in parts)
-    entries = [_bytes(1, key.encode()) + _bytes(2, value.encode()) for key, value in (metadata or {}).items()]
-    said = b"".join(_bytes(14, entry) for entry in entries)
-    path.write_bytes(_varint_field(1, 6) + _bytes(8, _varint_field(2, 11)) + _bytes(7, graph) + said)
+    """Write a network of parts; `inner` states the shapes of values between its nodes, `domain` has more operators."""
+    graph = helper.make_graph(nodes, "network", inputs, outputs, constants, value_info=inner)
+    versions = {"": 11} | ({domain: 1} if domain else {})
+    operators = [helper.make_opsetid(name, version) for name, version in versions.items()]
+    model = helper.make_model(graph, opset_imports=operators, ir_version=6)
+    helper.set_model_props(model, dict(metadata or {}))
+    path.write_bytes(model.SerializeToString())
     return path
 
 
-def _varint(value: int) -> bytes:
-    out = bytearray()
-    while value > 0x7F:
-        out.append(value & 0x7F | 0x80)
-        value >>= 7
-    return bytes([*out, value])
+def _node(op: str, inputs: Sequence[str], output: str, **attributes: Any) -> NodeProto:
+    return helper.make_node(op, inputs, [output], **attributes)
 
 
-def _varint_field(number: int, value: int) -> bytes:
-    return _varint(number << 3) + _varint(value)
+def _tensor(name: str, array: Array, dtype: int) -> TensorProto:
+    return helper.make_tensor(name, dtype, array.shape, array.tobytes(), raw=True)
 
 
-def _bytes(number: int, content: bytes) -> bytes:
-    return _varint(number << 3 | 2) + _varint(len(content)) + content
-
-
-def _int(name: str, value: int) -> bytes:
-    return _bytes(1, name.encode()) + _varint_field(3, value) + _varint_field(20, ATTRIBUTE_INT)
-
-
-def _ints(name: str, values: Sequence[int]) -> bytes:
-    return _bytes(1, name.encode()) + b"".join(_varint_field(8, v) for v in values) + _varint_field(20, ATTRIBUTE_INTS)
-
-
-def _node(op: str, inputs: Sequence[str], output: str, *attributes: bytes) -> bytes:
-    return (
-        b"".join(_bytes(1, name.encode()) for name in inputs)
-        + _bytes(2, output.encode())
-        + _bytes(4, op.encode())
-        + b"".join(_bytes(5, attribute) for attribute in attributes)
-    )
-
-
-def _tensor(name: str, array: Array, dtype: int) -> bytes:
-    dims = b"".join(_varint_field(1, n) for n in array.shape)
-    return dims + _varint_field(2, dtype) + _bytes(8, name.encode()) + _bytes(9, array.tobytes())
-
-
-def _value(name: str, shape: Sequence[int | str], dtype: int) -> bytes:
-    dims = b"".join(_bytes(1, _varint_field(1, n) if isinstance(n, int) else _bytes(2, n.encode())) for n in shape)
-    return _bytes(1, name.encode()) + _bytes(2, _bytes(1, _varint_field(1, dtype) + _bytes(2, dims)))
+def _value(name: str, shape: Sequence[int | str], dtype: int) -> ValueInfoProto:
+    return helper.make_tensor_value_info(name, dtype, shape)

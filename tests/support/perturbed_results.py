@@ -7,7 +7,7 @@ Everything else in the file stays as it is. With the mcap library and rosbags: n
 """
 
 import math
-from collections.abc import Callable, Collection, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 Change = Callable[[int, list[Any]], list[Any]]
-Which = Callable[[list[Any]], list[int]]
-"""Rows of the detections that a change is about."""
-
-ALWAYS: range = range(1 << 62)
 
 
 def perturbed(
@@ -90,77 +86,14 @@ def _frames(path: Path) -> dict[int, int]:
     return {log_time: frame for frame, log_time in enumerate(times)}
 
 
-def followed(x: float, y: float, *, gate_m: float) -> Which:
-    """The object that is at a place in the first frame, as long as it moves less than `gate_m` from frame to frame."""
-    place = [x, y]
-
-    def rows(detections: list[Any]) -> list[int]:
-        far = [math.dist(place, _xy(one)) for one in detections]
-        found = [far.index(min(far))] if far and min(far) <= gate_m else []
-        place[:] = _xy(detections[found[0]]) if found else place
-        return found
-
-    return rows
-
-
-def of_class(name: str) -> Which:
-    """All objects of a class."""
-    return lambda detections: [row for row, one in enumerate(detections) if _label(one) == name]
-
-
-def _all(detections: list[Any]) -> list[int]:
-    return [*range(len(detections))]
-
-
-def dropped(which: Which = _all, frames: Collection[int] = ALWAYS) -> Change:
-    """Objects are not found."""
-
-    def changed(frame: int, detections: list[Any]) -> list[Any]:
-        rows = which(detections)  # in every frame, so that an object can be followed
-        return [one for row, one in enumerate(detections) if row not in rows or frame not in frames]
-
-    return changed
-
-
-def shifted(by_m: Sequence[float]) -> Change:
-    """Objects are found at another place; 2D boxes, by pixels, have two numbers."""
-
-    def move(one: Any) -> None:
-        place = _center(one).position
-        for axis, by in zip("xyz", by_m, strict=False):
-            setattr(place, axis, getattr(place, axis) + by)
-
-    return _each(move)
-
-
 def turned(by_deg: float) -> Change:
     """Objects are found with another heading."""
 
-    def turn(one: Any) -> None:
-        rotation = _center(one).orientation
-        half = math.atan2(rotation.z, rotation.w) + math.radians(by_deg) / 2
-        rotation.z, rotation.w = math.sin(half), math.cos(half)
-
-    return _each(turn)
-
-
-def _each(change: Callable[[Any], None]) -> Change:
     def changed(_: int, detections: list[Any]) -> list[Any]:
         for one in detections:
-            change(one)
+            rotation = one.bbox.center.orientation
+            half = math.atan2(rotation.z, rotation.w) + math.radians(by_deg) / 2
+            rotation.z, rotation.w = math.sin(half), math.cos(half)
         return detections
 
     return changed
-
-
-def _label(detection: Any) -> str:
-    return str(detection.results[0].hypothesis.class_id)
-
-
-def _center(detection: Any) -> Any:
-    return detection.bbox.center
-
-
-def _xy(detection: Any) -> tuple[float, float]:
-    place = _center(detection).position
-    return place.x, place.y

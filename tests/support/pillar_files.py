@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from onnx_files import FLOAT, _int, _ints, _node, _tensor, _value, write_model
+from onnx_files import FLOAT, _node, _tensor, _value, write_model
 
 from lidcam.pipeline.core.arrays import F32, F64
 from lidcam.pipeline.core.clouds import CombinedCloud
@@ -43,7 +43,7 @@ def write_pillars(path: Path, numbers: F32, found: list[dict[str, Any]], **said:
     """Write a network with this output; `said` replaces parts of its metadata, or leaves it out (`metadata=None`)."""
     specs = {"classes": found, "grid": GRID.model_dump()} | said
     nodes = [
-        _node("ReduceMean", ["features"], "mean", _ints("axes", [0, 1]), _int("keepdims", 0)),
+        _node("ReduceMean", ["features"], "mean", axes=[0, 1], keepdims=0),
         _node("Sub", ["mean", "mean"], "nothing"),
         _node("Add", ["numbers", "nothing"], "found"),
     ]

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -18,15 +17,17 @@ from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.tracks import Tracks
-from lidcam.pipeline.fusion.projection import rounded_outline
-
-cuboids = partial(rounded_outline, rounding=0.0, underside=0.0, cabin=0.0)
-"""The outlines of objects that are the boxes that `passing` shows."""
+from lidcam.pipeline.fusion.projection import Outline, cuboid_outline
 
 CAMERA = forward_camera("cam")
 CAR = (4.4, 1.8, 1.5)
 START_NS, PERIOD_NS = 10**18, 10**8
 EMPTY = frame()
+
+
+def cuboids(_sizes: F64, *, bent: bool) -> Outline:
+    """The outlines of objects that are the boxes that `passing` shows."""
+    return cuboid_outline(bent=bent)
 
 
 def passing(

@@ -31,9 +31,15 @@ from lidcam.writers.messages.annotations import image_annotations
 from lidcam.writers.messages.detections import detections_2d, detections_3d, lidcam_objects, track_array
 from lidcam.writers.messages.diagnostics import diagnostics
 from lidcam.writers.messages.edge_scenes import PLACED, PLACED_SCENE, placed_scene, truth_scene, truth_scene_topic
-from lidcam.writers.messages.images import COMPRESSED, image_cdr
 from lidcam.writers.messages.scene import marker_array, scene_update, zone_entities
-from lidcam.writers.messages.sensors import camera_info, cloud_message, moving_transform, static_transforms
+from lidcam.writers.messages.sensors import (
+    COMPRESSED,
+    camera_info,
+    cloud_message,
+    image_cdr,
+    moving_transform,
+    static_transforms,
+)
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.marks import INPUTS, RESULT
 from lidcam.writers.outputs.transaction import OutputFile

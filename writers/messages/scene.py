@@ -30,8 +30,7 @@ from lidcam.writers.messages.parts import (
     whole_scene,
 )
 from lidcam.writers.palette import ZONE
-from lidcam.writers.viewpoint import SceneSurvey
-from lidcam.writers.zones import drawn_zones, zone_texts
+from lidcam.writers.viewpoint import SceneSurvey, drawn_zones, zone_texts
 
 ZONE_ID = "zone-"
 """Beginning of the id of a zone's entity, before its name."""

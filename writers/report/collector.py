@@ -1,16 +1,155 @@
 """Gathers what a page shows from the frames of a result, in bounded memory."""
 
+from collections.abc import Iterable, Mapping
+
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.arrays import F64, I64
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.tracks import NO_TRACK
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Figures, SourceBoxes
 from lidcam.pipeline.evaluation.road_users import RoadUserTally
-from lidcam.writers.report.courses import Courses
 from lidcam.writers.report.grid import SparseGrid
-from lidcam.writers.report.timeline import Timeline
+
+MAX_POINTS = 60_000
+"""Corners of all polylines together; of more, each is drawn with fewer."""
+
+FIRST_TOLERANCE_M = 0.01
+
+
+class Courses:
+    """Gathers polylines by track: a corner where the track has gone on by more than a tolerance, which grows.
+
+    Attributes:
+        tolerance_m: How far apart corners are.
+        left_out: Tracks that are not drawn, the shortest, because there are too many.
+    """
+
+    def __init__(self) -> None:
+        self.tolerance_m, self.left_out = FIRST_TOLERANCE_M, 0
+        self._lines: dict[int, list[tuple[float, float, float, float]]] = {}  # x, y, speed, seconds
+        self._ends: dict[int, tuple[float, float, float, float]] = {}  # the last place, a corner or not
+        self._points = 0
+        self._dropped: set[int] = set()
+
+    def add_frame(self, time_s: float, numbers: I64, xy: F64, speeds: F64) -> None:
+        """Take in the tracks of one frame: their numbers (N,), places (N, 2) in a fixed frame, and speeds (N,)."""
+        rows = zip(numbers.tolist(), xy.tolist(), speeds.tolist(), strict=True)
+        for number, (x, y), speed in rows:
+            if number in self._dropped:
+                continue
+            here = (x, y, speed, time_s)
+            self._ends[number] = here
+            line = self._lines.get(number)
+            if line is None:
+                self._lines[number] = [here]
+                self._points += 1
+            elif (x - line[-1][0]) ** 2 + (y - line[-1][1]) ** 2 > self.tolerance_m**2:
+                line.append(here)
+                self._points += 1
+        while self._points + len(self._lines) > MAX_POINTS:
+            self._simplify()
+
+    def lines(self) -> Iterable[tuple[int, F64]]:
+        """Number and (K, 4) corners of each track: x, y in metres, speed in m/s, seconds since the first frame."""
+        for number, line in self._lines.items():
+            end = self._ends[number]
+            yield number, np.array(line if line[-1] == end else [*line, end])
+
+    def _simplify(self) -> None:
+        """Draw lines with half the corners; where they have but two each, leave out the shorter half of them."""
+        if self._points <= 2 * len(self._lines):
+            lengths = {
+                n: np.hypot(end[0] - self._lines[n][0][0], end[1] - self._lines[n][0][1])
+                for n, end in self._ends.items()
+            }
+            shortest = sorted(lengths, key=lambda number: (lengths[number], number))[: len(lengths) // 2]
+            for number in shortest:
+                del self._lines[number], self._ends[number]
+            self._dropped.update(shortest)
+            self.left_out += len(shortest)
+        else:
+            self.tolerance_m *= 2
+            self._lines = {number: _thinned(line, self.tolerance_m) for number, line in self._lines.items()}
+        self._points = sum(map(len, self._lines.values()))
+
+
+def _thinned(
+    line: list[tuple[float, float, float, float]], tolerance_m: float
+) -> list[tuple[float, float, float, float]]:
+    kept = line[:1]
+    for point in line[1:]:
+        if (point[0] - kept[-1][0]) ** 2 + (point[1] - kept[-1][1]) ** 2 > tolerance_m**2:
+            kept.append(point)
+    return kept
+
+
+MAX_STEPS = 480
+"""Steps of time on a page; a phone has fewer columns of pixels, a desk has not many more."""
+
+FIRST_STEP_S = 0.1
+
+
+class Timeline:
+    """Sums by name and step of time; where there are too many steps, two become one.
+
+    Attributes:
+        step_s: Length of a step.
+    """
+
+    def __init__(self) -> None:
+        self.step_s = FIRST_STEP_S
+        self.frames = np.zeros(MAX_STEPS)
+        self._sums: dict[str, F64] = {}
+        self._maxima: dict[str, F64] = {}
+        self._last = 0
+
+    def add_frame(self, time_s: float, sums: Mapping[str, float], maxima: Mapping[str, float]) -> None:
+        """Take in a frame at a time since the first; one from before it counts as of the first step."""
+        while (step := max(int(time_s / self.step_s), 0)) >= MAX_STEPS:
+            self._double()
+        self._last = max(self._last, step)
+        self.frames[step] += 1
+        for name, value in sums.items():
+            if name not in self._sums:
+                self._sums[name] = np.zeros(MAX_STEPS)
+            self._sums[name][step] += value
+        for name, value in maxima.items():
+            if name not in self._maxima:
+                self._maxima[name] = np.zeros(MAX_STEPS)
+            self._maxima[name][step] = max(self._maxima[name][step], value)
+
+    @property
+    def times_s(self) -> F64:
+        """(S,) beginning of each step up to the last with a frame, seconds since the first frame."""
+        return np.arange(self._last + 1, dtype=np.float64) * self.step_s
+
+    def counts(self) -> F64:
+        """(S,) frames in each step."""
+        return self.frames[: self._last + 1]
+
+    def sums(self, name: str) -> F64:
+        """(S,) sum in each step."""
+        return self._sums.get(name, np.zeros(MAX_STEPS))[: self._last + 1]
+
+    def maxima(self, name: str) -> F64:
+        """(S,) largest value in each step; 0 without any."""
+        return self._maxima.get(name, np.zeros(MAX_STEPS))[: self._last + 1]
+
+    def at_least(self, step_s: float) -> None:
+        """Make steps long enough, for instance so that every one has a frame."""
+        while self.step_s < step_s:
+            self._double()
+
+    def _double(self) -> None:
+        self.step_s *= 2
+        self._last //= 2
+        half = np.zeros(MAX_STEPS // 2)
+        self.frames = np.concatenate([self.frames.reshape(-1, 2).sum(1), half])
+        self._sums = {name: np.concatenate([one.reshape(-1, 2).sum(1), half]) for name, one in self._sums.items()}
+        self._maxima = {name: np.concatenate([one.reshape(-1, 2).max(1), half]) for name, one in self._maxima.items()}
+
 
 MAX_PLACES = 4_000
 """Cells of a map of objects without tracks."""

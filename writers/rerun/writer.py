@@ -37,9 +37,8 @@ from lidcam.writers.rerun.blueprint import (
     camera_path,
     place_eye,
 )
-from lidcam.writers.rerun.cameras import CameraLog
 from lidcam.writers.rerun.environment import without_rerun_variables
-from lidcam.writers.rerun.objects import ObjectLog
+from lidcam.writers.rerun.objects import CameraLog, ObjectLog
 from lidcam.writers.rerun.stream import RerunStream
 from lidcam.writers.rerun.viewer import RerunViewer
 from lidcam.writers.truth_times import FrameTime, TruthTimes

@@ -1,26 +1,155 @@
-"""Training of a network in pillars, from worlds to an ONNX file and its card."""
+"""Training of a network in pillars, from worlds to an ONNX file and its card.
 
-from collections.abc import Callable, Mapping
+Worlds that it was not trained on give the calibration of its scores, its errors and its figures.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
+from scipy.optimize import minimize
 
+from lidcam.bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD
+from lidcam.pipeline.core.arrays import F64, I64, Bools
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.geometry.overlaps import without_overlaps
+from lidcam.pipeline.core.geometry.rotated_iou import BoxArrays
+from lidcam.pipeline.detectors.log_odds import sigmoid
+from lidcam.pipeline.detectors.pillars.decoding import Found
 from lidcam.pipeline.detectors.pillars.network import FoundClass, PillarNetwork, PillarSpecs
-from lidcam.training.labelled import WORLDS, loaded
+from lidcam.training.card import average_precision, calibration_error
+from lidcam.training.labelled import WORLDS, LabelledFrame, TrueBoxes, loaded
 from lidcam.training.pillars.fit import BATCH, CHECKPOINT_EVERY_S, Checkpoint, fitted
-from lidcam.training.pillars.judging import (
-    SWEEPS_OF_A_WORLD,
-    Judged,
-    calibration,
-    figures,
-    joined,
-    judged_frame,
-    judged_world,
-    with_errors,
-)
 from lidcam.training.pillars.onnx_file import onnx_bytes
-from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, WRITTEN_GRIDS
+from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, WRITTEN_GRIDS, Worlds, family_of, known_to, scene
+
+SWEEPS_OF_A_WORLD = 4
+MIN_LOG_ODDS = -4.0
+
+GATES_M = {"car": 2.0, "pedestrian": 0.6, "cyclist": 0.9, "truck": 2.5, "bus": 2.5}
+"""Maximum distance of a right box from its object, which has its class and belongs to no other box."""
+
+SANDBOX_GATE_M = 0.15
+"""Maximum distance of a right box from its object for model cars."""
+
+PRIOR = 1e-3
+"""Weight of the calibration that changes nothing: a class with few examples stays near it."""
+
+
+class Judged(NamedTuple):
+    """The boxes of all sweeps, and how many objects they should find."""
+
+    log_odds: F64  # (N,)
+    classes: I64  # (N,) rows of `CLASSES`
+    is_right: Bools  # (N,)
+    errors: F64  # (N, 3) errors in x, y and heading of right boxes, metres and radians; NaN for others
+    objects: I64  # (C,) number of objects with `MIN_POINTS` points or more within the grid
+
+
+def judged_world(network: PillarNetwork, worlds: Worlds, number: int) -> Judged:
+    """The boxes that a network finds in the world with a number."""
+    first, step = number * SWEEPS_PER_WORLD, SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD
+    scenes = (scene(family_of(worlds, number), seed) for seed in range(first, first + SWEEPS_PER_WORLD, step))
+    return joined([_judged_sweep(worlds, network(position, MIN_LOG_ODDS), true) for position, true in scenes])
+
+
+def judged_frame(network: PillarNetwork, worlds: Worlds, frame: LabelledFrame) -> Judged:
+    """The boxes that a network finds in the labelled part of a frame."""
+    found = network(frame.position, MIN_LOG_ODDS)
+    known = frame.is_labelled(found.centers[:, :2])
+    return _judged_sweep(worlds, Found._make(one[known] for one in found), known_to(worlds, frame))
+
+
+def joined(parts: Sequence[Judged]) -> Judged:
+    """All boxes of all parts; at least one part is needed."""
+    *columns, objects = zip(*parts, strict=True)
+    return Judged._make([*(np.concatenate(one) for one in columns), np.sum(objects, axis=0)])
+
+
+def _judged_sweep(worlds: Worlds, found: Found, true: TrueBoxes) -> Judged:
+    kept = without_overlaps(BoxArrays(found.centers, found.sizes, found.yaws))
+    found = Found._make(one[kept] for one in found)
+    half_m, names = WRITTEN_GRIDS[worlds].half_m, CLASSES[worlds]
+    inside = (np.abs(true.centers[:, :2]) < half_m).all(1)
+    true = TrueBoxes._make(one[inside] for one in true)
+    gates_m = np.array([SANDBOX_GATE_M if worlds == "sandbox" else GATES_M[name] for name in names])
+    away_m = np.linalg.norm(found.centers[:, None, :2] - true.centers[:, :2], axis=2)
+    away_m[(found.classes[:, None] != true.classes) | (away_m > gates_m[true.classes])] = np.inf
+    own = np.full(len(found.classes), -1)
+    for box in range(len(own)):  # likelier ones first
+        if np.isfinite(away_m[box]).any():
+            own[box] = away_m[box].argmin()
+            away_m[:, own[box]] = np.inf
+    sure = np.append(true.points >= MIN_POINTS, True)
+    is_right = own >= 0
+    off = np.full((len(own), 3), np.nan)
+    off[is_right, :2] = found.centers[is_right, :2] - true.centers[own[is_right], :2]
+    off[is_right, 2] = wrap_angle(found.yaws[is_right] - true.yaws[own[is_right]])
+    counted = sure[own]
+    objects = np.bincount(true.classes[sure[:-1]], minlength=len(names))
+    return Judged(found.log_odds[counted], found.classes[counted], is_right[counted], off[counted], objects)
+
+
+def calibration(found: Judged) -> F64:
+    """(C, 2) factor and offset that turn the log odds of each class into those of a right box (Platt, 1999)."""
+    answer = []
+    for name in range(len(found.objects)):
+        rows = found.classes == name
+        odds, sign = found.log_odds[rows], np.where(found.is_right[rows], -1.0, 1.0)
+
+        def loss(values: F64, odds: F64 = odds, sign: F64 = sign) -> float:
+            wrong = np.logaddexp(0, sign * (np.exp(values[0]) * odds + values[1]))
+            return float(wrong.sum() / max(len(odds), 1) + PRIOR * (values**2).sum())
+
+        log_factor, offset = minimize(loss, np.zeros(2)).x
+        answer.append((np.exp(log_factor), offset))
+    return np.array(answer)
+
+
+def with_errors(classes: Sequence[str], found: Judged) -> tuple[FoundClass, ...]:
+    """Classes with the standard deviations of right boxes; swapped front and rear is no error of heading."""
+    made = []
+    for row, name in enumerate(classes):
+        errors = found.errors[(found.classes == row) & found.is_right]
+        if len(errors) < 2:
+            made.append(FoundClass(name=name))
+            continue
+        sigma_m = float(np.sqrt((errors[:, :2] ** 2).mean()))
+        sigma_rad = float(np.sqrt((_not_turned(errors[:, 2]) ** 2).mean()))
+        made.append(FoundClass(name=name, sigma_m=round(sigma_m, 4), sigma_rad=round(sigma_rad, 4)))
+    return tuple(made)
+
+
+def _not_turned(yaw_errors: F64) -> F64:
+    return np.asarray((yaw_errors + np.pi / 2) % np.pi - np.pi / 2)
+
+
+def figures(classes: Sequence[str], found: Judged) -> str:
+    """A Markdown table with a row for each class, for boxes whose scores are calibrated."""
+    lines = [
+        "| class | objects | found | false | AP | ECE | position | heading | turned |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for row, name in enumerate(classes):
+        rows = found.classes == row
+        score, is_right = sigmoid(found.log_odds[rows]), found.is_right[rows]
+        taken, objects = score >= 0.5, int(found.objects[row])
+        found_share = is_right.sum() / max(objects, 1)
+        precision = average_precision(score, is_right) * found_share if found_share else 0.0
+        errors = found.errors[rows][taken & is_right]
+        cells = [f"{objects}", f"{(taken & is_right).sum()}", f"{(taken & ~is_right).sum()}", f"{precision:.3f}"]
+        cells.append(f"{calibration_error(score, is_right, np.ones(len(score))):.3f}")
+        if len(errors):
+            cells.append(f"{np.median(np.hypot(errors[:, 0], errors[:, 1])):.3f} m")
+            cells.append(f"{np.rad2deg(np.median(np.abs(_not_turned(errors[:, 2])))):.1f} deg")
+            cells.append(f"{(np.abs(errors[:, 2]) > np.pi / 2).mean():.0%}")
+        else:
+            cells += ["--"] * 3
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
 
 FIRST_HELD_OUT = 1_000_000
 """Number of the first world (plus the seed) that is not trained on: some calibrate the network, others judge it."""

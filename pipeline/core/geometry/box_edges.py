@@ -7,6 +7,17 @@ from lidcam.pipeline.core.arrays import F64, Bools
 BOX_EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
 """The two corners of each edge of a box, in the order of `box_corners`."""
 
+EDGE_SHARES = np.linspace(0.0, 1.0, 5)
+"""Samples along the edges of a box that may be outermost: lens distortion bends edges beyond their corners."""
+
+
+def edge_samples(corners_camera: F64, near_m: float) -> tuple[F64, Bools]:
+    """Points (N, 12 S, 3) along the 12 edges of `edges_ahead`, and whether anything is left of the edge of each."""
+    start, end, is_ahead = edges_ahead(corners_camera, near_m)
+    shares = EDGE_SHARES[:, None]
+    samples = start[:, :, None] * (1 - shares) + end[:, :, None] * shares
+    return samples.reshape(len(samples), -1, 3), np.repeat(is_ahead, len(shares), axis=1)
+
 
 def edges_ahead(corners_camera: F64, near_m: float) -> tuple[F64, F64, Bools]:
     """The 12 edges of boxes, given by corners (N, 8, 3) in the optical frame, cut at the depth `near_m`.

@@ -12,8 +12,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, Bools, CheckedTable
-from lidcam.pipeline.core.camera import EDGE_SHARES, NEAR_M, CameraModel
-from lidcam.pipeline.core.geometry.box_edges import edges_ahead
+from lidcam.pipeline.core.camera import NEAR_M, CameraModel, rectangles_around
+from lidcam.pipeline.core.geometry.box_edges import edge_samples
 from lidcam.pipeline.native.kernels import pixels_of_points, rays_of_pixels
 
 
@@ -84,13 +84,6 @@ class Lenses(CheckedTable):
         Returns:
             (P, 4) left, top, right, bottom in pixels; NaN where nothing of a box is in the image.
         """
-        start, end, is_ahead = edges_ahead(corners_camera, NEAR_M)
-        shares = EDGE_SHARES[:, None]
-        samples = start[:, :, None] * (1 - shares) + end[:, :, None] * shares  # (P, 12, S, 3)
-        pixels, valid = self.project(samples.reshape(len(samples), -1, 3))
-        valid &= np.repeat(is_ahead, len(shares), axis=1)
-        low = np.where(valid[..., None], pixels, np.inf).min(1, initial=np.inf)
-        high = np.where(valid[..., None], pixels, -np.inf).max(1, initial=-np.inf)
-        found = np.column_stack([np.clip(low, 0, image_sizes), np.clip(high, 0, image_sizes)])
-        is_seen = (found[:, 2] > found[:, 0]) & (found[:, 3] > found[:, 1])
-        return np.where(is_seen[:, None], found, np.nan)
+        samples, is_ahead = edge_samples(corners_camera, NEAR_M)
+        pixels, valid = self.project(samples)
+        return rectangles_around(pixels, valid & is_ahead, image_sizes)

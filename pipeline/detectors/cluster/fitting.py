@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Record, join_rows, select_rows
+from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, replace_rows, select_rows
 from lidcam.pipeline.core.clouds import CombinedCloud, Plane
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.classes import ClassPrior
@@ -172,8 +172,8 @@ class BoxFitter:
             axis_rad, roundness[riders] = principal_axes(xy, first)
             along = rectangles_along(xy, first, axis_rad)
             again = top_m[riders], lidar_share[riders], lidar_xy, self._kinds, boxes.class_ids[riders]
-            boxes = _with_rows(boxes, riders, complete_boxes(along, *again))
-            rectangles = _with_rows(rectangles, riders, along)
+            boxes = replace_rows(boxes, riders, complete_boxes(along, *again))
+            rectangles = replace_rows(rectangles, riders, along)
         return Fitted(rectangles, boxes, roundness, counts, lidar_share, time_ns)
 
     def candidates(self, combined: CombinedCloud, fitted: Fitted) -> Candidates3D:
@@ -215,10 +215,3 @@ def rows_of(starts: I64, count: int, is_wanted: Bools) -> tuple[Indices, I64]:
     counts = np.diff(starts, append=count)
     taken = counts[is_wanted]
     return np.repeat(is_wanted, counts).nonzero()[0], np.cumsum(taken) - taken
-
-
-def _with_rows(record: Record, rows: Indices, changed: Record) -> Record:
-    """The record with other values in some rows."""
-    order = np.arange(len(next(iter(vars(record).values()))))
-    order[rows] = len(order) + np.arange(len(rows))
-    return select_rows(join_rows(record, changed), order)

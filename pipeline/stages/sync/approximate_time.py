@@ -14,6 +14,9 @@ from lidcam.pipeline.stages.sync.policy import DropReason, OnItemDrop
 
 T = TypeVar("T")
 
+AGE_PENALTY = 0.1
+"""Share of its delay by which a later set must be better than the candidate, as in ROS."""
+
 
 class _Candidate(NamedTuple):
     """The best set found so far; its messages are the first of each queue."""
@@ -33,7 +36,6 @@ class ApproximateTime(Generic[T]):
     Args:
         topic_count: Number of topics, at least one.
         queue_size: Messages held per topic; if exceeded, the oldest is dropped.
-        age_penalty: A later set must be better than the candidate by this share of its delay (ROS: 0.1).
         max_interval_ns: Largest spread of a set, inclusive; None for no bound.
         on_drop: Called for each message that is in no set.
     """
@@ -43,7 +45,6 @@ class ApproximateTime(Generic[T]):
         topic_count: int,
         *,
         queue_size: int,
-        age_penalty: float = 0.1,
         max_interval_ns: int | None = None,
         on_drop: OnItemDrop[T],
     ) -> None:
@@ -52,7 +53,7 @@ class ApproximateTime(Generic[T]):
         self._overflowed = [False] * topic_count
         self._candidate: _Candidate | None = None
         self._queue_size = queue_size
-        self._delay_weight = 1 + age_penalty
+        self._delay_weight = 1 + AGE_PENALTY
         self._max_interval_ns = max_interval_ns
         self._on_drop = on_drop
 

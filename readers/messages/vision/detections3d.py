@@ -13,17 +13,40 @@ The layout changed several times; the recorded definition says which one a messa
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
+from hashlib import blake2b
 from typing import Any, ClassVar
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, F64, Names, Table, check_array
+from lidcam.pipeline.core.arrays import F32, F64, I64, Names, Table, check_array
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
 from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.objects.found import FoundObjects, ObjectClasses, found_objects
 from lidcam.readers.messages.tf import clean_frame
 from lidcam.readers.messages.vision.hypotheses import BoxRows, best_and_counts, box_rows
+
+_MAX_DIGITS = 18
+_OF_NAMES = 1 << 62
+"""Set in the numbers of ids that are names, so that no recorded number is one of them."""
+
+
+def track_ids(ids: Names) -> I64:
+    """(N,) the numbers of ids: a number is itself, a name gets one of its own; `UNKNOWN` where the id is empty."""
+    return np.array([_track_id(id_) for id_ in ids.tolist()], np.int64).reshape(-1)
+
+
+@lru_cache(maxsize=65_536)
+def _track_id(id_: str) -> int:
+    if not id_:
+        return UNKNOWN
+    if id_.isascii() and id_.isdecimal() and len(id_) <= _MAX_DIGITS:
+        return int(id_)
+    digest = int.from_bytes(blake2b(id_.encode(errors="replace"), digest_size=8).digest(), "big")
+    return digest % _OF_NAMES | _OF_NAMES
+
 
 DETECTIONS_3D = "vision_msgs/msg/Detection3DArray"
 

@@ -11,7 +11,7 @@ pytest.importorskip("torch", reason="needs the extra train")
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import RecordingError
-from lidcam.training import fit
+from lidcam.training import clusters
 from lidcam.training.clusters import Trained, train_clusters
 from lidcam.training.examples import examples_of_frame
 from lidcam.training.labelled import LabelledFrame, Objects, Recordings, TrueBoxes, points_in_boxes, saved
@@ -66,7 +66,7 @@ def test_what_is_not_labelled_is_not_learned_by_pillars() -> None:
 
 
 def test_clusters_of_frames_alone_are_learned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fit, "EPOCHS", 2)
+    monkeypatch.setattr(clusters, "EPOCHS", 2)
     path, none = saved(tmp_path / "a", FRAME), saved(tmp_path / "b", Objects(boxes(), [], []))
     recordings = Recordings((path,), (path,), (path,), none, ("a.mcap, SHA-256\n  abc",))
     shares: list[float] = []

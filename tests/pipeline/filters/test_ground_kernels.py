@@ -94,22 +94,7 @@ def test_near_the_plane_if_many_are_equally_far(xyz: F32) -> None:
     same_near(xyz, 0.7)
 
 
-def test_a_median_is_one_of_the_points_or_between_two() -> None:
-    # Heights 0, 0.01, 0.5 and one, two or three more: only up to three deviations are near.
-    level = np.array([0, 0, 1, 0], np.float32)
-    for more, near in (([], 2), ([0.02], 3), ([0.02, 0.03], 4), ([0.4, 0.5], 5)):
-        heights = np.array([0, 0.01, 0.5, *more], np.float32)
-        xyz = np.array([np.arange(len(heights)), 0 * heights, heights], np.float32)
-        count, centre, _ = kernels.scatter_near(xyz, level, 1)
-        assert count == len(heights)
-        np.testing.assert_allclose(centre[2], np.sort(heights)[:near].mean(dtype=float))
-
-
 # --- which points belong to the ground
-
-
-LEVEL = np.zeros(2), 1.0, np.zeros((0, 0))
-"""Of ground that does not differ from its plane."""
 
 
 @pytest.mark.parametrize("count", [0, 1, 3000])
@@ -126,7 +111,6 @@ def test_points_on_the_ground(count: int, distance_m: float, offset_m: float) ->
     np.testing.assert_array_equal(level, np.flatnonzero(kept & on_plane))
     on_ground = np.abs(height - relief.offset_m(xyz[:, :2])) <= distance_m
     np.testing.assert_array_equal(above, np.flatnonzero(~on_ground))
-    np.testing.assert_array_equal(kernels.parted(xyz, kept, PLANE, distance_m, *LEVEL)[2], np.flatnonzero(~on_plane))
 
 
 def test_limits_of_the_relief_belong_to_the_ground() -> None:

@@ -14,7 +14,6 @@ from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.fusion.projection import (
     CameraArrays,
     ProjectedEdges,
-    cuboid_outline,
     project_edges,
     rounded_outline,
 )
@@ -102,25 +101,15 @@ def test_no_boxes_and_no_cameras() -> None:
 CAR, BUS, RIDER = [4.0, 1.8, 1.5], [12.0, 2.5, 3.2], [1.8, 0.6, 1.7]
 
 
-def points(sizes: list[list[float]], **settings: float) -> F64:
+def points(*sizes: list[float]) -> F64:
     table = np.array(sizes)
-    outline = rounded_outline(table, **{"rounding": 0.0, "underside": 0.0, "cabin": 0.0, **settings}, bent=False)
+    outline = rounded_outline(table, bent=False)
     found: F64 = outline.signs * table[:, None] / 2 + outline.offsets
     return found
 
 
-@pytest.mark.parametrize("bent", [False, True])
-def test_without_rounding_the_outline_is_the_box(bent: bool) -> None:
-    sizes = np.array([CAR, BUS])
-    outline = rounded_outline(sizes, rounding=0, underside=0, cabin=0, bent=bent)
-    assert not outline.offsets.any()
-    assert {tuple(row) for row in cuboid_outline(bent=False).signs.tolist()} <= {
-        tuple(r) for r in outline.signs.tolist()
-    }
-
-
 def test_round_corners_are_seen_across_as_far_inside_as_circles_are() -> None:
-    found = points([CAR], rounding=0.25)[0]
+    found = points(CAR)[0]
     np.testing.assert_allclose(np.abs(found).max(0), [2, 0.9, 0.75])  # along its axes the box is as large as before
     across = (found[:, :2] @ np.array([1, 1]) / np.sqrt(2)).max()
     radius = 0.25 * 1.8
@@ -128,7 +117,7 @@ def test_round_corners_are_seen_across_as_far_inside_as_circles_are() -> None:
 
 
 def test_who_rides_is_broad_in_the_middle_and_has_thin_wheels_and_one_head() -> None:
-    rider = points([RIDER], rounding=0.25, underside=0.06)[0]
+    rider = points(RIDER)[0]
     half = np.array(RIDER) / 2
     assert np.abs(rider).max(0).tolist() == pytest.approx(half.tolist())  # none of its sides is nearer
     assert (np.abs(rider) <= half + 1e-12).all()
@@ -146,7 +135,7 @@ def test_who_rides_is_broad_in_the_middle_and_has_thin_wheels_and_one_head() -> 
 
 
 def test_only_what_is_lower_than_wide_has_a_cabin() -> None:
-    car, bus = points([CAR, BUS], cabin=0.4)
+    car, bus = points(CAR, BUS)
     assert np.abs(car[car[:, 2] > 0.7]).max(0).tolist() == pytest.approx([1.2, 0.54, 0.75])
     assert np.abs(car).max(0).tolist() == pytest.approx([2, 0.9, 0.75])
     assert np.abs(bus[bus[:, 2] > 1.5]).max(0).tolist() == pytest.approx([6, 1.25, 1.6])

@@ -14,8 +14,7 @@ from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import CalibrationError, ConfigError, MessageError
 from lidcam.pipeline.core.messages import Drop
 from lidcam.pipeline.core.settings.recording import VelodyneLidarConfig
-from lidcam.readers.velodyne.calibration import read_velodyne_calibration
-from lidcam.readers.velodyne.decoder import VelodyneDecoder
+from lidcam.readers.velodyne.decoder import VelodyneDecoder, read_velodyne_calibration
 from lidcam.readers.velodyne.models import MODELS
 from lidcam.readers.velodyne.scan import parse_velodyne_scan
 

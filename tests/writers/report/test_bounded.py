@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from lidcam.writers.report import courses as courses_module
-from lidcam.writers.report import timeline as timeline_module
-from lidcam.writers.report.courses import Courses
+from lidcam.writers.report import collector
+from lidcam.writers.report.collector import MAX_STEPS, Courses, Timeline
 from lidcam.writers.report.grid import SparseGrid
-from lidcam.writers.report.timeline import MAX_STEPS, Timeline
 
 
 def test_a_grid_of_nothing_and_of_one() -> None:
@@ -47,7 +45,7 @@ def test_steps_of_time_double_and_keep_their_sums() -> None:
 
 
 def test_long_steps_are_kept_when_time_jumps(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(timeline_module, "MAX_STEPS", 8)
+    monkeypatch.setattr(collector, "MAX_STEPS", 8)
     time = Timeline()
     for stamp_s in (0.0, 100.0):
         time.add_frame(stamp_s, {"car": 1.0}, {})
@@ -64,7 +62,7 @@ def test_a_way_is_drawn_by_its_corners() -> None:
 
 
 def test_ways_are_simplified_and_the_shortest_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(courses_module, "MAX_POINTS", 200)
+    monkeypatch.setattr(collector, "MAX_POINTS", 200)
     ways = Courses()
     for step in range(500):
         ways.add_frame(0.1 * step, np.array([1]), np.array([[0.05 * step, 0.0]]), np.ones(1))

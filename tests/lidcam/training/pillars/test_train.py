@@ -23,7 +23,6 @@ from lidcam.training.labelled import Recordings, TrueBoxes
 from lidcam.training.pillars import fit
 from lidcam.training.pillars import network as torch_network
 from lidcam.training.pillars.fit import Checkpoint, fitted
-from lidcam.training.pillars.judging import Judged, calibration, figures
 from lidcam.training.pillars.onnx_file import onnx_bytes, take_weights
 from lidcam.training.pillars.scenes import (
     CLASSES,
@@ -36,6 +35,7 @@ from lidcam.training.pillars.scenes import (
     family_of,
     targets_of,
 )
+from lidcam.training.pillars.train import Judged, calibration, figures
 
 SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 

@@ -27,15 +27,6 @@ def test_pixels_are_those_of_each_camera(table: F64) -> None:
         np.testing.assert_allclose(pixels[row][inside], expected[inside], rtol=1e-12, atol=1e-9)
 
 
-@pytest.mark.parametrize("point", [[0, 0, 0], [1, 1, 0], [0, 0, -3], [50, 1, 1e-3]])
-def test_points_behind_are_marked_and_finite(point: list[float]) -> None:
-    lenses = Lenses.of(ALL)
-    table = rows_of(lenses, np.array([point], np.float64))
-    pixels, valid = lenses.project(table)
-    assert not valid.any()
-    assert np.isfinite(pixels).all()
-
-
 @pytest.mark.parametrize(("name", "bends"), [(name, name != "none") for name in LENS_MODELS])
 def test_which_lenses_bend_lines(name: str, bends: bool) -> None:
     lenses = Lenses.of([lens(*LENS_MODELS["none"]), lens(*LENS_MODELS[name])])

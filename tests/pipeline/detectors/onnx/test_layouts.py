@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from onnx_networks import FLOAT16, write_convolutional, write_network
+from onnx_files import FLOAT16
+from onnx_networks import write_convolutional, write_network
 
 from lidcam.pipeline.core.arrays import U8, Array
 from lidcam.pipeline.core.errors import ModelError

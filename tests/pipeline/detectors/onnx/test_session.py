@@ -6,7 +6,7 @@ from random import Random
 import numpy as np
 import onnx_models
 import pytest
-from onnx_files import FLOAT, _int, _ints, _node, _tensor, _value, write_model
+from onnx_files import FLOAT, _node, _tensor, _value, write_model
 
 from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.core.settings.detect import Detect2DConfig
@@ -37,11 +37,11 @@ def test_a_loop_without_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_the_memory_of_a_network_is_bounded(tmp_path: Path) -> None:
     rows = onnx_models.ROWS
     nodes = [
-        _node("ReduceMean", ["images"], "mean", _ints("axes", [1, 2, 3]), _int("keepdims", 0)),
+        _node("ReduceMean", ["images"], "mean", axes=[1, 2, 3], keepdims=0),
         _node("ConstantOfShape", ["shape"], "huge"),  # 5 GiB
-        _node("ReduceMean", ["huge"], "point", _int("keepdims", 0)),
+        _node("ReduceMean", ["huge"], "point", keepdims=0),
         _node("Add", ["mean", "point"], "sum"),
-        _node("Unsqueeze", ["sum"], "column", _ints("axes", [1, 2])),
+        _node("Unsqueeze", ["sum"], "column", axes=[1, 2]),
         _node("Add", ["column", "bias"], "output0"),
     ]
     constants = [_tensor("bias", np.zeros((1, rows, 85), np.float32), FLOAT)]

@@ -1,13 +1,14 @@
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from compared_frames import Row, objects, run_of
-from detections import boxes2d
+from detections import boxes2d, boxes3d
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lidcam.pipeline.core.detections import Boxes2D
 from lidcam.pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 from lidcam.pipeline.core.settings.evaluate import CompareConfig
 from lidcam.pipeline.evaluation.comparison import comparison as module
@@ -15,12 +16,32 @@ from lidcam.pipeline.evaluation.comparison.comparison import Comparison
 from lidcam.pipeline.evaluation.comparison.differences import Channel
 from lidcam.pipeline.evaluation.comparison.frames import paired_frames
 from lidcam.pipeline.evaluation.comparison.object_changes import KINDS, Kind
-from lidcam.pipeline.evaluation.evaluation_frame import ResultFrame, SourceBoxes
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, ResultFrame, SourceBoxes
+
+Row = tuple[float, float, float, float, float, float, float]
 
 CAR, PEDESTRIAN, BICYCLE = 0, 1, 2
 CHANNELS: tuple[Channel, ...] = (("sources", "fused"), ("images", "cam"))
 DEFAULTS = CompareConfig()
 CARS: tuple[Row, Row] = ((10, 5, 0.8, 4.2, 1.8, 1.5, 0.3), (-10, -5, 0.8, 4.2, 1.8, 1.5, -0.3))
+
+
+def objects(
+    *rows: Row,
+    class_ids: Sequence[int] | None = None,
+    scores: Sequence[float] | None = None,
+    ids: Sequence[int] | None = None,
+) -> SourceBoxes:
+    """Objects of one source from rows x, y, z, length, width, height, yaw."""
+    track_ids = [UNKNOWN] * len(rows) if ids is None else ids
+    return SourceBoxes(boxes3d(rows, class_ids=class_ids, scores=scores), np.array(track_ids, np.int64))
+
+
+def run_of(count: int, found: SourceBoxes, *, camera: Boxes2D | None = None) -> list[ResultFrame]:
+    """Frames in which nothing moves, from 1 s on."""
+    cameras = {"cam": boxes2d([(10, 10, 50, 40, 0.9, 0)]) if camera is None else camera}
+    frame = ResultFrame(0, 10**9, 10**9, {"fused": found}, cameras)
+    return [replace(frame, index=index, stamp_ns=10**9 + index * 100_000_000) for index in range(count)]
 
 
 def compared(

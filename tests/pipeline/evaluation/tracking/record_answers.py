@@ -63,42 +63,33 @@ def by_distance(truth: tuple[True_, ...], found: tuple[Found, ...]) -> Any:
 
 
 def by_half_distance(truth: tuple[True_, ...], found: tuple[Found, ...]) -> Any:
-    """Above 0.5 where the distance is below the largest of a match, as CLEAR and Identity have their threshold."""
+    """Above 0.5 where the distance is below the largest of a match, as Identity has its threshold."""
     return np.maximum(0, 1 - distances(truth, found) / (2 * MAX_DISTANCE_M))
 
 
 def ask_trackeval(cases: dict[str, TrackCase]) -> Answer:
+    """HOTA of each case; and HOTA and IDF1 of all as classes of one result."""
     metrics = import_module("trackeval.metrics")
-    quiet = {"PRINT_CONFIG": False, "THRESHOLD": 0.5 + 1e-12}
-    hota, clear, identity = metrics.HOTA(), metrics.CLEAR(quiet), metrics.Identity(quiet)
-    names = {
-        "hota": ("HOTA", "DetA", "AssA", "LocA", "DetRe", "DetPr", "AssRe", "AssPr"),
-        "clear": ("MOTA", "CLR_TP", "CLR_FN", "CLR_FP", "IDSW", "MT", "PT", "ML", "Frag", "MOTP_sum"),
-        "identity": ("IDF1", "IDP", "IDR"),
-    }
+    hota, identity = metrics.HOTA(), metrics.Identity({"PRINT_CONFIG": False, "THRESHOLD": 0.5 + 1e-12})
+    names = ("HOTA", "DetA", "AssA", "LocA", "DetRe", "DetPr", "AssRe", "AssPr")
     asked = {
-        name: {
-            "hota": hota.eval_sequence(trackeval_data(case, by_distance)),
-            "hota_iou": hota.eval_sequence(trackeval_data(case, overlaps)),
-            "clear": clear.eval_sequence(trackeval_data(case, by_half_distance)),
-            "identity": identity.eval_sequence(trackeval_data(case, by_half_distance)),
-        }
+        "hota": {name: hota.eval_sequence(trackeval_data(case, by_distance)) for name, case in cases.items()},
+        "hota_iou": {name: hota.eval_sequence(trackeval_data(case, overlaps)) for name, case in cases.items()},
+    }
+    for answers in asked.values():
+        classes = {name: answers[name] for name in cases if name not in TIES_OF_TRACKS}
+        answers["all"] = hota.combine_classes_det_averaged(classes)
+    said: Answer = {
+        name: {group: {key: float(np.mean(answers[name][key])) for key in names} for group, answers in asked.items()}
+        for name in (*cases, "all")
+    }
+    followed = {
+        name: identity.eval_sequence(trackeval_data(case, by_half_distance))
         for name, case in cases.items()
+        if name not in TIES_OF_TRACKS
     }
-    judges = {"hota": hota, "hota_iou": hota, "clear": clear, "identity": identity}
-    asked["all"] = {
-        group: judge.combine_classes_det_averaged(
-            {name: asked[name][group] for name in cases if name not in TIES_OF_TRACKS}
-        )
-        for group, judge in judges.items()
-    }
-    return {
-        name: {
-            group: {key: float(np.mean(values[key])) for key in names[group.removesuffix("_iou")]}
-            for group, values in groups.items()
-        }
-        for name, groups in asked.items()
-    }
+    said["all"]["identity"] = {"IDF1": float(identity.combine_classes_det_averaged(followed)["IDF1"])}
+    return said
 
 
 def ask_motmetrics(cases: dict[str, TrackCase]) -> Answer:

@@ -4,12 +4,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from builders import odometry, raw, write_mcap
+from builders import image, odometry, raw, write_mcap
 from foxglove_messages import foxglove_raw
 from mcap.records import Channel as RecordedChannel
 from mcap.records import Schema
+from mcap.writer import Writer
+from numpy import zeros
 
-from lidcam.pipeline.core.messages import Channel
+from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.readers.files.mcap.mcap_file import channel_of
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.open import open_recording
@@ -17,6 +20,64 @@ from lidcam.readers.streams.per_sensor import sensor_messages
 
 T0 = 1_700_000_000 * 10**9
 ODOMETRY = "nav_msgs/msg/Odometry"
+
+
+def states(log_times_ns: list[int], topic: str = "/odom") -> list[RawMessage]:
+    return [raw(topic, ODOMETRY, odometry(stamp_ns=T0 + i), T0 + i, log) for i, log in enumerate(log_times_ns)]
+
+
+def test_topics_that_cannot_be_read_are_listed_with_the_reason(tmp_path: Path) -> None:
+    path = tmp_path / "mixed.mcap"
+    with path.open("xb") as stream:
+        writer = Writer(stream)
+        writer.start("", "tests")
+        json_schema = writer.register_schema("Speed", "jsonschema", b"{}")
+        proto = writer.register_schema("foxglove.SceneUpdate", "protobuf", b"\0")
+        flat = writer.register_schema("foxglove.RawImage", "flatbuffer", b"\0")
+        ros1 = writer.register_schema(ODOMETRY, "ros1msg", b"")
+        channels = (
+            *(("/speed", "json", json_schema), ("/scene", "protobuf", proto), ("/x", "cdr", 0), ("/y", "", 0)),
+            *(("/flat", "flatbuffer", flat), ("/old", "cdr", ros1)),
+        )
+        for topic, encoding, schema in channels:
+            channel = writer.register_channel(topic, encoding, schema)
+            writer.add_message(channel, 10, b"{}", 10)
+        state = states([7])[0]
+        odom = writer.register_schema(ODOMETRY, "ros2msg", state.channel.definition.encode())
+        writer.add_message(writer.register_channel("/odom", "cdr", odom), 7, bytes(state.data), 7)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
+    with open_recording([path]) as recording:
+        assert recording.message_count == 7
+        assert [(m.topic, m.log_time_ns) for m in recording.messages()] == [("/odom", 7)]
+        listed = {t.topic: t for t in recording.topics}
+    assert {t.message_count for t in listed.values()} == {1}
+    assert listed["/odom"].unreadable == ""
+    told = {
+        "/speed": "json encoding, jsonschema schema Speed",
+        "/scene": "protobuf encoding, protobuf schema foxglove.SceneUpdate",
+        "/x": "no schema",
+        "/y": "no encoding",
+        "/flat": "flatbuffer encoding",
+        "/old": "cdr encoding, ros1msg schema",
+    }
+    for topic, text in told.items():
+        assert text in listed[topic].unreadable
+        assert "lidcam reads cdr" in listed[topic].unreadable
+    with pytest.raises(RecordingError, match="/speed: Speed cannot be read"):
+        _ = listed["/speed"].channel
+
+
+def test_large_messages_are_views_and_small_ones_are_copies(tmp_path: Path) -> None:
+    path = tmp_path / "large.mcap"
+    image_message = image(zeros((100, 100, 3), "u1"), stamp_ns=T0)
+    messages = [raw("/image", "sensor_msgs/msg/Image", image_message, T0, T0), *states([T0 + 1])]
+    write_mcap(path, messages, "lz4")
+    with open_recording([path]) as recording:
+        got = list(recording.messages())
+    assert [type(m.data) for m in got] == [memoryview, bytes]
+    assert [bytes(m.data) for m in got] == [m.data for m in messages]
+
+
 STATE1, STATE2 = (raw(f"/{e}", ODOMETRY, odometry(stamp_ns=T0 + 5), T0 + 5, T0, e) for e in ("ros1", "cdr"))
 IMAGE = {"timestamp": T0 + 5, "frame_id": "camera", "format": "png", "data": b"abc"}
 MIXED = [
@@ -72,20 +133,3 @@ def recorded(encoding: str, schema: str, name: str, data: bytes = b"", **metadat
 )
 def test_channels(found: Any, expected: Channel) -> None:
     assert found == expected
-
-
-@pytest.mark.parametrize(
-    ("encoding", "schema", "name", "says"),
-    [
-        ("protobuf", "protobuf", "foxglove.SceneUpdate", "protobuf encoding, protobuf schema foxglove.SceneUpdate"),
-        ("json", "jsonschema", "Speed", "json encoding, jsonschema schema Speed"),
-        ("flatbuffer", "flatbuffer", "foxglove.RawImage", "flatbuffer encoding"),
-        ("cdr", "ros1msg", ODOMETRY, "cdr encoding, ros1msg schema"),
-        ("", "", "", "no encoding"),
-    ],
-)
-def test_channels_that_cannot_be_read(encoding: str, schema: str, name: str, says: str) -> None:
-    found = recorded(encoding, schema, name)
-    assert isinstance(found, str)
-    assert says in found
-    assert "lidcam reads cdr" in found

@@ -11,10 +11,10 @@ pytest.importorskip("torch", reason="needs the extra train")
 
 from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.detectors.cluster.features import FEATURES
-from lidcam.training import fit
+from lidcam.training import clusters
 from lidcam.training.card import figures, log_loss
+from lidcam.training.clusters import calibrated, fitted
 from lidcam.training.examples import Examples, examples_of_worlds, kinds_of_boxes
-from lidcam.training.fit import calibrated, fitted
 
 
 def examples(count: int, seed: int = 0) -> Examples:
@@ -54,7 +54,7 @@ def test_what_shows_is_learned_the_same_again_and_calibrated(monkeypatch: pytest
         "DROPOUT": 0.0,
         "RATE": 0.02,
     }.items():
-        monkeypatch.setattr(fit, name, value)
+        monkeypatch.setattr(clusters, name, value)
     losses: list[tuple[int, float]] = []
     network = fitted(examples(1500), 7, lambda done, loss: losses.append((done, loss)))
     held_out = examples(2000, seed=1)

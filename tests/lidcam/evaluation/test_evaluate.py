@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from lidcam.evaluation.doubts import doubts
+from lidcam.evaluation.evaluate import doubts
 
 SOUND: dict[str, Any] = {
     "frames": 20,
