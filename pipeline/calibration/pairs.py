@@ -31,7 +31,7 @@ class TrackedPairs(Table):
     centers: F64  # (P, 3) float64 of the lidar's box, metres in the site frame at the frame's time
     sizes: F64  # (P, 3) float64 length, width, height, metres
     yaws: F64  # (P,) float64 radians
-    covariances: F64  # (P, 3, 3) float64 of x, y, yaw
+    covariances: F64  # (P, 3, 3) float64 of x, y, yaw; zeros where unknown
     later_s: F64  # (P,) float64, time of the image after that of the box, seconds
     velocities: F64  # (P, 2) float64 of the object over the ground, m/s along x and y of the site frame
     velocity_covariances: F64  # (P, 2, 2) float64

@@ -77,7 +77,7 @@ class Boxes3D(Table):
         scores: (N,) float32 in [0, 1].
         class_ids: (N,) int32, row of the configured classes.
         point_counts: (N,) int32, lidar points that the box was found from; zeros where unknown.
-        covariances: (N, 3, 3) float64 over x, y (m^2) and yaw (rad^2); zeros in results that do not say them.
+        covariances: (N, 3, 3) float64 over x, y (m^2) and yaw (rad^2); zeros where unknown.
         sources: (N,) uint8, the `Source` of each box.
         measured_ns: (N,) int64, when the object was where its box says: mean time of its points or images.
     """

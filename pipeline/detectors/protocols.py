@@ -41,7 +41,7 @@ class Candidates3D(NamedTuple):
     # `Config.class_id_of_label`
     class_ids: I64
     point_counts: I64  # (N,) lidar points that the box was found from; zeros where unknown
-    covariances: F64  # (N, 3, 3) over x, y (m^2) and yaw (rad^2), positive definite
+    covariances: F64  # (N, 3, 3) over x, y (m^2) and yaw (rad^2); zeros where unknown
     time_offsets_ns: I64  # (N,) mean time of the points of each box, minus the cloud's stamp; zeros where unknown
 
     @classmethod

@@ -33,13 +33,13 @@ from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.fusion.assignment import assign
 from lidcam.pipeline.fusion.found import FoundBoxes, pairs_of_images
 from lidcam.pipeline.fusion.matching.agreement import (
-    MIN_SIGMAS,
     BoxBelief,
     MatchedPairs,
     agreed_with_others,
     before_matching,
     common_shifts,
     feature_jacobian,
+    prior_covariances,
     spread,
 )
 from lidcam.pipeline.fusion.matching.in_view import InView, hidden_parts, project_into_views
@@ -139,8 +139,7 @@ class Associate:
         seen, (hidden, rest) = seen.select(near), (each[near] for each in hiding)
         jacobians = feature_jacobian(seen.xyxy, seen.jacobian)
         noise = detector_variances(seen.xyxy)
-        covariances, log_classes = boxes.covariances + np.diag(MIN_SIGMAS) ** 2, np.log(self._confusion).T
-        belief = BoxBelief(covariances, log_classes[boxes.class_ids], self._confusion)
+        belief = BoxBelief(prior_covariances(boxes), np.log(self._confusion).T[boxes.class_ids], self._confusion)
         others = before_matching(belief, seen.rows)
         by_box = noise + spread(others.covariances, jacobians)
         differences = _differences(seen, rest, found, pairs, by_box)

@@ -24,6 +24,12 @@ MIN_MEASUREMENTS = 3
 MIN_FRONT_TRAVEL = 0.75
 """Minimum travel, in motion scales, before it defines the front; boxes of few points wander by half a length."""
 
+UNKNOWN_SIGMA = 0.05
+"""Standard deviation of the position of boxes without covariance, as a share of the class length."""
+
+UNKNOWN_YAW_SIGMA_RAD = 0.1
+"""Standard deviation of the yaw of boxes without covariance, radians."""
+
 EXTRA_YAW_SIGMA_RAD = 0.03
 """Standard deviation added to the yaw of every box, radians."""
 
@@ -51,7 +57,7 @@ class Sightings(Table):
     boxes: F64  # (N, 3) float64, x, y of the centre and yaw, in the fixed frame
     heights_m: F64  # (N,) float64, z of the centre
     sizes: F64  # (N, 3) float64, length, width, height, metres
-    covariances: F64  # (N, 3, 3) float64 of `boxes`
+    covariances: F64  # (N, 3, 3) float64 of `boxes`; zeros where unknown
     later_s: F64  # (N,) float64, time of measurement after the stamp of the frame
     beliefs: F64  # (N,) float64, probability of an object of the class at this place
     class_ids: I64  # (N,) int64
@@ -144,6 +150,9 @@ def measurement_covariances(sightings: Sightings, priors: Priors, jump_sigma: fl
     """
     of_class = priors.select(sightings.class_ids)
     noise = sightings.covariances.copy()
+    unknown = ~noise.any((1, 2))
+    noise[unknown, 0, 0] = noise[unknown, 1, 1] = (UNKNOWN_SIGMA * of_class.lengths_m[unknown]) ** 2
+    noise[unknown, 2, 2] = UNKNOWN_YAW_SIGMA_RAD**2
     jump = (jump_sigma * of_class.lengths_m) ** 2
     noise[:, 0, 0] += jump
     noise[:, 1, 1] += jump

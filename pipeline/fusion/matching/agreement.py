@@ -15,6 +15,13 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64, I32, I64
 from lidcam.pipeline.core.association import FREEDOM
+from lidcam.pipeline.core.detections import Boxes3D
+
+UNKNOWN_SIGMA = 0.1
+"""Standard deviation of the position of a box without covariance, as a share of the mean of length and width."""
+
+UNKNOWN_YAW_SIGMA_RAD = 0.2
+"""Standard deviation of the yaw of a box without covariance, radians."""
 
 MIN_SIGMAS = np.array([1e-3, 1e-3, 1e-2])
 """Standard deviations added to x, y (metres) and yaw (radians) of every box."""
@@ -64,6 +71,18 @@ def feature_jacobian(xyxy: F32, jacobian: F64) -> F64:
     extent = np.maximum(edges[:, 2:] - edges[:, :2], 1.0)[..., None]
     low, high = jacobian[:, :2], jacobian[:, 2:]
     return np.concatenate([(low + high) / 2, (high - low) / extent], 1)
+
+
+def prior_covariances(boxes: Boxes3D) -> F64:
+    """(N, 3, 3) covariances of the boxes, guessed by their size where unknown."""
+    known = boxes.covariances
+    unknown = (known == 0).all((1, 2))
+    if unknown.any():
+        guess = np.zeros((len(boxes), 3, 3))
+        guess[:, 0, 0] = guess[:, 1, 1] = (UNKNOWN_SIGMA * boxes.sizes[:, :2].mean(1)) ** 2
+        guess[:, 2, 2] = UNKNOWN_YAW_SIGMA_RAD**2
+        known = np.where(unknown[:, None, None], guess, known)
+    return np.asarray(known + np.diag(MIN_SIGMAS) ** 2)
 
 
 def spread(covariances: F64, jacobians: F64) -> F64:

@@ -12,6 +12,18 @@ from lidcam.pipeline.core.settings.fuse import FuseConfig
 STATES = ("x", "y", "yaw", "length", "width", "speed along", "speed across")
 """Order of the state: metres, radians, metres per second along the axes of the box."""
 
+UNKNOWN_SIGMA = 0.1
+"""Standard deviation of a position without covariance, as a share of the box's width."""
+
+UNKNOWN_SIGMA_PER_M = 0.005
+"""Additional standard deviation of such a position per metre from the lidars."""
+
+LONG_YAW_SIGMA_RAD = 0.1
+"""Standard deviation of a heading without covariance, for boxes longer than wide, radians."""
+
+SQUARE_YAW_SIGMA_RAD = np.pi / 4
+"""Standard deviation of a heading without covariance, for boxes as long as wide, radians."""
+
 MIN_ELONGATION = 1.5
 """Minimum ratio of length to width of a box that shows its heading."""
 
@@ -60,6 +72,25 @@ class BoxPrior(NamedTuple):
     yaw_rests: F64  # (N,) float64, variance of the yaw of a box given the apparent one, rad^2
 
 
+def known_covariances(boxes: Boxes3D, lidar_xy: F64) -> F64:
+    """(N, 3, 3) covariances of x, y (m^2) and yaw (rad^2), guessed by size and distance where unknown.
+
+    Args:
+        boxes: N boxes.
+        lidar_xy: (L, 2) positions of the lidars, metres; there may be none.
+    """
+    is_known = (boxes.covariances != 0).any((1, 2))
+    if is_known.all():
+        return boxes.covariances
+    length, width = boxes.sizes[:, :2].max(1), boxes.sizes[:, :2].min(1)
+    range_m = np.linalg.norm(boxes.centers[:, None, :2] - lidar_xy, axis=2).min(1) if len(lidar_xy) else 0.0
+    elongation = ((length / width - 1) / (MIN_ELONGATION - 1)).clip(0.0, 1.0)
+    guess = np.zeros(boxes.covariances.shape)
+    guess[:, 0, 0] = guess[:, 1, 1] = (UNKNOWN_SIGMA * width + UNKNOWN_SIGMA_PER_M * range_m) ** 2
+    guess[:, 2, 2] = (SQUARE_YAW_SIGMA_RAD + elongation * (LONG_YAW_SIGMA_RAD - SQUARE_YAW_SIGMA_RAD)) ** 2
+    return np.where(is_known[:, None, None], boxes.covariances, guess)
+
+
 def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     """The distributions of boxes.
 
@@ -73,7 +104,7 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
         config: `lidar_sigma_scale`.
     """
     extents, is_seen = boxes.sizes[:, :2], boxes.sources != Source.CAMERA.value
-    known = boxes.covariances * config.lidar_sigma_scale**2
+    known = known_covariances(boxes, lidar_xy) * config.lidar_sigma_scale**2
     yaw_variances = known[:, 2, 2].clip(MIN_YAW_SIGMA_RAD**2, MAX_YAW_SIGMA_RAD**2)
     shrunk = np.ones((len(boxes), 3))
     shrunk[:, 2] = np.sqrt(yaw_variances / np.maximum(known[:, 2, 2], 1e-12))

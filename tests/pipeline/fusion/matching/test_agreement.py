@@ -1,4 +1,8 @@
+from dataclasses import replace
+
 import numpy as np
+import pytest
+from detections import boxes3d
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.association import class_confusion
@@ -9,6 +13,7 @@ from lidcam.pipeline.fusion.matching.agreement import (
     agreed_with_others,
     before_matching,
     common_shifts,
+    prior_covariances,
 )
 
 CAR, PEDESTRIAN, _, TRUCK, BUS = range(5)
@@ -65,6 +70,16 @@ def test_without_pairs_the_box_speaks_for_itself() -> None:
     np.testing.assert_allclose(others.covariances, alone.covariances)
     np.testing.assert_allclose(others.log_classes, alone.log_classes)
     assert not others.shifts.any()
+
+
+def test_unknown_covariances_are_guessed_by_size() -> None:
+    boxes = boxes3d([(10, 0, 0, 4, 2, 1.5, 0), (10, 5, 0, 4, 2, 1.5, 0), (10, 9, 0, 0.6, 0.6, 1.7, 0)])
+    known = boxes.covariances.copy()
+    known[[0, 2]] = 0
+    found = prior_covariances(replace(boxes, covariances=known))
+    assert np.sqrt(found[0, 0, 0]) == pytest.approx(0.3, rel=1e-3)
+    assert np.sqrt(found[2, 1, 1]) == pytest.approx(0.06, rel=1e-3)
+    np.testing.assert_allclose(found[1], known[1], atol=1e-4 + 1e-12)
 
 
 CAMERAS = np.array([0, 0, 0, 1, 1], np.int64)

@@ -1,13 +1,15 @@
 from unittest.mock import patch
 
 import numpy as np
+import pytest
 from detections import boxes3d
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.settings.fuse import FuseConfig
-from lidcam.pipeline.fusion.refining.box_prior import box_prior
+from lidcam.pipeline.fusion.refining.box_prior import box_prior, known_covariances
 
 LIDARS = np.array([[0.0, 0.0], [3.0, -1.0]])
 
@@ -38,3 +40,11 @@ def test_a_longer_box_is_centred_farther_from_the_lidar() -> None:
     covariance = box_prior(box, LIDARS[:1], FuseConfig()).covariances[0]
     assert covariance[0, 3] > 0.9 * np.sqrt(covariance[0, 0] * covariance[3, 3])
     assert abs(covariance[1, 3]) < 1e-12
+
+
+@pytest.mark.parametrize("lidars", [LIDARS, np.zeros((0, 2))])
+def test_unknown_covariances(lidars: F64) -> None:
+    boxes = boxes3d([[10.0, 0, 0, 4, 2, 1.5, 0], [5, 0, 0, 0.6, 0.6, 1.7, 0]], deviations=[0.0, 0.0, 0.0])
+    car, person = np.sqrt(np.einsum("nii->ni", known_covariances(boxes, lidars)))
+    assert car[0] > person[0]
+    assert car[2] < person[2]
