@@ -121,9 +121,10 @@ def _verdict(inspection: "Inspection", *, needs_rig: bool) -> Verdict:
 def _checked(job: "Job") -> "RigCheck":
     """The rig, checked by the whole recording."""
     from lidcam.cli.printing.running import shown_run
+    from lidcam.cli.printing.terminal import console
     from lidcam.rig_check import check_rig
 
-    with shown_run() as observer:
+    with shown_run(console()) as observer:
         return check_rig(job, observer)
 
 

@@ -74,6 +74,12 @@ def process(
             "Also write a film of all cameras and the site from above (extra video).", *endings_of("--video")
         ),
     ] = None,
+    print_detections: Annotated[
+        bool, typer.Option("--print-detections", help="Print each frame's detections by sensor, and the fused objects.")
+    ] = False,
+    print_matches: Annotated[
+        bool, typer.Option("--print-matches", help="Print each frame's matches between 2D boxes and objects.")
+    ] = False,
     as_json: AsJson = False,
     json_file: JsonFile = None,
     evaluate_: Annotated[
@@ -97,6 +103,12 @@ def process(
     *inputs, output = map(location, paths)
     if not output.name.endswith(".mcap"):
         raise typer.BadParameter(f"the output comes last and ends in .mcap, found {output}", param_hint="OUT.mcap")
+    if as_json and (print_detections or print_matches):
+        raise typer.BadParameter(
+            "prints one JSON document and nothing else: leave out --print-detections and --print-matches, or write it "
+            "to a file with --json-file FILE.json",
+            param_hint="--json",
+        )
     if options.get("workers") != 1:
         # Processes already fill the cores; threads of libraries inside of one would only wait for each other.
         # Read once, when the libraries are loaded.
@@ -117,6 +129,8 @@ def process(
             remark_log.info("in Foxglove: Open connection, ws://%s:%d", *job.foxglove)
         run_process(
             job,
+            detections=print_detections,
+            matches=print_matches,
             as_json=as_json,
             json_file=json_file,
             strict=strict,
@@ -128,6 +142,8 @@ def process(
 def run_process(
     job: "Job",
     *,
+    detections: bool = False,
+    matches: bool = False,
     as_json: bool = False,
     json_file: Path | None = None,
     strict: bool = False,
@@ -138,6 +154,8 @@ def run_process(
 
     Args:
         job: The recording, the settings and the outputs.
+        detections: Print the detections of each frame.
+        matches: Print the matches of each frame.
         as_json: Print JSON instead of tables.
         json_file: File for the JSON.
         strict: Fail if too little of the recording was used.
@@ -159,7 +177,7 @@ def run_process(
     out = console()
     others = (*job.inputs, *written_files(job), *job.read_files)
     with json_output(json_file, inputs=others, overwrite=job.overwrite) as write_json:
-        with shown_run(requirements or ()) as observer:
+        with shown_run(out, requirements or (), detections=detections, matches=matches) as observer:
             summary = process_recording(job, observer)
         evaluation = None if requirements is None else _evaluated(job, requirements)
         failure = strict_failure(summary) if strict else ""

@@ -32,7 +32,7 @@ def frames_in(path: Path) -> int:
     "command",
     [
         "inspect {sandbox}",
-        "process {sandbox} out.mcap --duration 0.4",
+        "process {sandbox} out.mcap --duration 0.4 --print-detections",
         "process {sandbox} out.mcap --duration 0.4 --verbose 2>&1",
     ],
 )
@@ -47,11 +47,14 @@ def test_a_reader_that_leaves_does_not_end_the_run(command: str, sandbox: Path, 
 
 
 @pytest.mark.skipif(shutil.which("script") is None, reason="needs script of util-linux")
-def test_a_bar_on_a_terminal(sandbox: Path, tmp_path: Path) -> None:
-    command = f"{PROGRAM} process {sandbox} out.mcap {shlex.join(PART)} --json"
+@pytest.mark.parametrize(("option", "has_bar"), [("--json", True), ("--print-matches", False)])
+def test_a_bar_on_a_terminal(sandbox: Path, tmp_path: Path, option: str, has_bar: bool) -> None:
+    command = f"{PROGRAM} process {sandbox} out.mcap {shlex.join(PART)} {option}"
     done = shell(f"script -qec '{command}' /dev/null", tmp_path, COLUMNS="100", TERM="xterm")
     assert done.returncode == 0, done.stdout
-    assert re.search(r"\d frames, [\d.]+ per second, (\d+|no) objects( yet)?, \d+ dropped", done.stdout)
+    assert (
+        bool(re.search(r"\d frames, [\d.]+ per second, (\d+|no) objects( yet)?, \d+ dropped", done.stdout)) == has_bar
+    )
 
 
 def test_quiet_is_the_result_alone(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:

@@ -126,6 +126,7 @@ def test_names_that_are_no_utf_8(lidcam: Lidcam, tmp_path: Path) -> None:
         (("--rerun", "/dev/null/out.rrd"), 1, "/dev/null/out.rrd: cannot be written: Not a directory"),
         (("--rerun", "out.txt"), 2, ".rrd"),
         (("--require", "fused.car.recal >= 0.9"), 2, "'fused.car.recal': did you mean 'fused.car.recall'?"),
+        (("--json", "--print-matches"), 2, "--json"),
         (("--workers", "0"), 2, "--workers"),
         (("--duration", "nan"), 2, "--duration"),
         (("--no-such-option",), 2, "--no-such-option"),

@@ -177,8 +177,9 @@ def test_truth_is_copied_around_the_window_with_names_for_numbers(process: Proce
 
 def test_lidar_only_says_so_and_draws_its_boxes_over_the_images(process: Process, tmp_path: Path) -> None:
     out, options = tmp_path / "o.mcap", ("--set", "detect2d.method=none", "--duration", "0.3")
-    run = process(out, *options)
+    run = process(out, *options, "--print-detections", "--print-matches")
     assert "lidar-only" in run.out
+    assert "lidar detections" in run.out
     assert any(fused_objects(out).values())
     assert all(len(message.points) > 0 for _, message in messages_of(out, "/cam43/annotations"))
     assert not messages_of(out, "/cam43/detections"), "no detector has looked"

@@ -1,9 +1,10 @@
-"""Printing of inspections, and of the final tables of a run."""
+"""Printing of inspections, frames, and the final tables of a run."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.console import Console
 
 from lidcam.cli.printing.folding import show_line, show_table
@@ -18,8 +19,12 @@ from lidcam.cli.printing.tables import (
     speed_text,
     topics_table,
 )
+from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, source_names
+from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.engines import ENGINES
+from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
 from lidcam.readers.messages.tf import TF_TYPES
 from lidcam.readers.recording import Loss
 from lidcam.readers.rig.sensor_topics import CAMERA_INFO, SensorFault
@@ -39,6 +44,88 @@ MAX_LOSSES = 20
 BOX_SOURCES = {"onnx": "by a 2D network", "recorded": "as recorded", "none": "none: lidar-only"}
 GEOMETRY = {"lidar": "lidar only", "camera": "camera only", "both": "both", "predicted": "predicted by tracks"}
 NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
+
+
+def print_detections(out: Console, frame: FrameResult, config: Config) -> None:
+    """Print the boxes of the lidars, those placed by the cameras alone, and the fused objects with their sources."""
+    lidar, placed, fused = frame.detections.lidar, frame.detections.placed, frame.fused
+    out.print(f"frame {frame.bundle.index}  stamp {frame.bundle.stamp_ns} ns  {len(lidar)} lidar detections")
+    _print_boxes(out, lidar, config, [f"{count} points" for count in lidar.point_counts.tolist()])
+    if placed is not None:
+        out.print(f"  {len(placed)} placed by the cameras alone")
+        deviations_m = np.sqrt(placed.covariances[:, [0, 1], [0, 1]].sum(1)).tolist()
+        _print_boxes(out, placed, config, [f"+- {deviation_m:.2f} m" for deviation_m in deviations_m])
+    out.print(f"  {len(fused.objects)} fused objects")
+    columns = zip(source_names(fused.objects.sources), fused.rows.tolist(), fused.matched.tolist(), strict=True)
+    origins = [
+        name if row == NO_HYPOTHESIS else f"{name}, of row {row}, {cameras} cam" for name, row, cameras in columns
+    ]
+    remarks = [", ".join(filter(None, pair)) for pair in zip(_track_texts(fused), origins, strict=True)]
+    _print_boxes(out, fused.objects, config, remarks)
+
+
+def _track_texts(fused: Fused) -> list[str]:
+    """Number, speed and age of the track of each object; empty without one."""
+    tracks = Tracks.none(len(fused.objects)) if fused.tracks is None else fused.tracks
+    speeds = ["" if np.isnan(speed_m_s) else f"{speed_m_s:.1f} m/s, " for speed_m_s in tracks.speeds]
+    columns = zip(tracks.ids.tolist(), speeds, tracks.ages_s.tolist(), strict=True)
+    return [
+        f"track {number}, {speed}{age_s:.1f} s old" if number != NO_TRACK else "" for number, speed, age_s in columns
+    ]
+
+
+def _print_boxes(out: Console, boxes: Boxes3D, config: Config, remarks: Sequence[str]) -> None:
+    for row, remark in enumerate(remarks):
+        (x, y, z), (length, width, height) = boxes.centers[row], boxes.sizes[row]
+        out.print(
+            f"  {row:3} {config.object_names[boxes.class_ids[row]]:10} score {boxes.scores[row]:.2f}"
+            f"  x {x:8.2f} y {y:8.2f} z {z:6.2f}  l {length:5.2f} w {width:5.2f} h {height:5.2f}"
+            f"  yaw {boxes.yaws[row]:6.3f}  {remark}",
+        )
+
+
+def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
+    """Print which 2D box matches which object in one frame, and what only one sensor saw.
+
+    Objects are numbered by their row among the fused ones, 3D boxes that are not reported by their row among the
+    hypotheses: the lidars' detections, then those proposed by 2D boxes.
+    """
+    hypotheses, fused = frame.hypotheses, frame.fused
+    names = [f"object {row}" for row in range(len(fused.objects))]
+    if fused.tracks is not None:
+        numbers = fused.tracks.ids.tolist()
+        names = [
+            f"{name} (track {number})" if number != NO_TRACK else name
+            for name, number in zip(names, numbers, strict=True)
+        ]
+    reported = {row: name for row, name in zip(fused.rows.tolist(), names, strict=True) if row != NO_HYPOTHESIS}
+
+    def name_of(row: int) -> str:
+        return reported.get(row, f"3D box {row} (not reported)")
+
+    out.print(f"frame {frame.bundle.index}  stamp {frame.bundle.stamp_ns} ns  matches")
+    matched: set[int] = set()
+    for camera, boxes2d in frame.detections.cameras.items():
+        matches = frame.matches[camera]
+        for (row3d, row2d), iou in zip(matches.pairs.tolist(), matches.iou.tolist(), strict=True):
+            name = config.class_names[boxes2d.class_ids[row2d]]
+            out.print(f"  {camera}: 2D box {row2d} ({name}) is {name_of(row3d)}, IoU {iou:.2f}")
+            matched.add(row3d)
+        alone = sorted(set(range(len(boxes2d))) - set(matches.pairs[:, 1].tolist()))
+        if alone:
+            out.print(f"  {camera}: seen by the camera alone: {', '.join(map(str, alone))}")
+    proposed = range(hypotheses.lidar_count, len(hypotheses.boxes))
+    for row, source in zip(proposed, source_names(hypotheses.boxes.sources[hypotheses.lidar_count :]), strict=True):
+        where = "with points of the lidars" if source == "both" else "placed by the cameras alone"
+        out.print(f"  {name_of(row)}: proposed by 2D boxes, {where}")
+    alone = sorted(set(range(hypotheses.lidar_count)) - matched)
+    listed = [reported[row] for row in alone if row in reported]
+    others = [str(row) for row in alone if row not in reported]
+    listed += [f"3D box{'es' * (len(others) > 1)} {', '.join(others)} (not reported)"] if others else []
+    out.print(f"  seen by the lidars alone: {', '.join(listed) or 'none'}")
+    predicted = [name for name, row in zip(names, fused.rows.tolist(), strict=True) if row == NO_HYPOTHESIS]
+    if predicted:
+        out.print(f"  not detected, predicted by their tracks: {', '.join(predicted)}")
 
 
 def print_summary(out: Console, summary: RunSummary, *, times: bool = False) -> None:

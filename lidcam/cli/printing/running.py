@@ -1,4 +1,4 @@
-"""The progress of a run on the screen."""
+"""A run on the screen: its progress, and optionally its frames."""
 
 import gc
 import time
@@ -6,7 +6,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
+from rich.console import Console
+
+from lidcam.cli.printing.console import print_detections, print_matches
 from lidcam.cli.printing.progress import show_progress
+from lidcam.pipeline.core.frame import FrameResult
 from lidcam.processing import RunObserver
 from lidcam.run.frames import RunInput
 from lidcam.run.tally import RunProgress
@@ -19,14 +23,16 @@ SOURCES = ("lidar", "fused")
 
 
 @contextmanager
-def shown_run(requirements: "Sequence[Requirement]" = ()) -> Iterator[RunObserver]:
-    """An observer that shows the progress of a run.
+def shown_run(
+    out: Console, requirements: "Sequence[Requirement]" = (), *, detections: bool = False, matches: bool = False
+) -> Iterator[RunObserver]:
+    """An observer that shows a run, with the detections and matches of each frame if asked for.
 
     Raises:
         RequirementError: a requirement names an unknown figure; found when the recording is open.
     """
     with ExitStack() as stack:
-        yield _ShownRun(stack, requirements)
+        yield _ShownRun(out, stack, requirements, detections=detections, matches=matches)
 
 
 class ShownProgress(RunObserver):
@@ -54,10 +60,14 @@ class ShownProgress(RunObserver):
         )
 
 
-class _ShownRun(ShownProgress):
-    def __init__(self, stack: ExitStack, requirements: "Sequence[Requirement]") -> None:
-        super().__init__(stack)
-        self._requirements = requirements
+class _ShownRun(RunObserver):
+    def __init__(
+        self, out: Console, stack: ExitStack, requirements: "Sequence[Requirement]", *, detections: bool, matches: bool
+    ) -> None:
+        self._out, self._requirements = out, requirements
+        self._detections, self._matches = detections, matches
+        # On a terminal, printed frames show the progress, and a bar would break into them.
+        self._progress = RunObserver() if out.is_terminal and (detections or matches) else ShownProgress(stack)
 
     def opened(self, source: RunInput) -> None:
         gc.freeze()  # libraries and stages stay: looking for garbage among them takes 5 ms a frame
@@ -66,4 +76,14 @@ class _ShownRun(ShownProgress):
             from lidcam.evaluation.requirement import check_names
 
             check_names(self._requirements, known_figures(source.config, source.rig, SOURCES))
-        super().opened(source)
+        self._config = source.config
+        self._progress.opened(source)
+
+    def frame(self, result: FrameResult) -> None:
+        if self._detections:
+            print_detections(self._out, result, self._config)
+        if self._matches:
+            print_matches(self._out, result, self._config)
+
+    def advanced(self, progress: RunProgress) -> None:
+        self._progress.advanced(progress)
