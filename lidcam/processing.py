@@ -175,7 +175,7 @@ class Run:
         first_look_s = time.perf_counter() - started
         self.source, self.found = source, found
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
-        self._passed, self._log_time_ns = 0, source.recording.start_ns
+        self._passed, self._detections, self._log_time_ns = 0, 0, source.recording.start_ns
         self._clocks = sensor_clocks(source.rig, drops)
         self._checks = (
             FileCheck(source.recording.paths),
@@ -247,6 +247,7 @@ class Run:
         with closing(self._stages()) as frames:
             for frame in frames:
                 self._passed, self._log_time_ns = self._passed + 1, frame.bundle.log_time_ns
+                self._detections += len(frame.fused.objects)
                 yield frame
                 passed()
 
@@ -274,7 +275,7 @@ class Run:
     @property
     def progress(self) -> RunProgress:
         """The progress of the run."""
-        return RunProgress(self._passed, self._tally.objects.total(), self._drops.total, self._log_time_ns)
+        return RunProgress(self._passed, self._detections, self._drops.total, self._log_time_ns)
 
     def summary(
         self,

@@ -38,6 +38,16 @@ class RemotePath:
 
 Location = Path | RemotePath
 
+ENDINGS = (".bag", ".mcap", ".db3", ".pcap", ".pcapng", ".bag.zst", ".mcap.zst", ".db3.zst")
+"""Endings of the names of recordings."""
+
+
+def recording_stem(name: str) -> str:
+    """The name of a recording without its ending."""
+    lower = name.lower()
+    ending = max((one for one in ENDINGS if lower.endswith(one)), key=len, default="")
+    return name[: len(name) - len(ending)] or name
+
 
 def location(text: str) -> Location:
     """The location that a command line argument names: a URL (`https://...`, `s3://...`), or a path, also `file://`.

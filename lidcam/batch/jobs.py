@@ -12,12 +12,9 @@ from lidcam.outputs.bucket import Bucket, is_bucket
 from lidcam.pipeline.core.errors import LidcamError, RecordingError
 from lidcam.pipeline.core.small_files import read_small_text
 from lidcam.pipeline.core.text import visible
-from lidcam.readers.location import Location, RemotePath, location
+from lidcam.readers.location import ENDINGS, Location, RemotePath, location, recording_stem
 from lidcam.readers.natural_order import natural_key
 from lidcam.readers.open import open_recording
-
-ENDINGS = (".bag", ".mcap", ".db3", ".pcap", ".pcapng", ".bag.zst", ".mcap.zst", ".db3.zst")
-"""Endings of the recordings that are found in folders. A file that is named itself may be called anything."""
 
 METADATA = "metadata.yaml"
 """File in the folder of a ROS 2 bag, which is one recording."""
@@ -201,7 +198,7 @@ def _goes_on(before: Location, path: Location) -> bool:
 
 def _split_name(place: Location) -> tuple[str, str, str]:
     """Folder, name without ending, and ending."""
-    stem = _stem(place.name)
+    stem = recording_stem(place.name)
     folder = str(place.parent) if isinstance(place, Path) else place.url.rpartition("/")[0]
     return folder, stem, place.name.removeprefix(stem)
 
@@ -209,7 +206,7 @@ def _split_name(place: Location) -> tuple[str, str, str]:
 def _job(parts: Sequence[Location], name: str, size: int) -> BatchJob:
     """The job of a recording, of which `name` is the name with its ending, below the folder that was given."""
     folder, slash, last = name.rpartition("/")
-    stem = _stem(last)
+    stem = recording_stem(last)
     if len(parts) > 1 and (match := PART.fullmatch(stem)):
         stem = match[1]
     if fault := name_fault(f"{folder}{slash}{stem}"):
@@ -231,13 +228,6 @@ def name_fault(name: str) -> str:
     else:
         return ""
     return f"its results cannot have its name: expected plain names between slashes, found {found}; rename it"
-
-
-def _stem(name: str) -> str:
-    """A name without the ending of a recording."""
-    lower = name.lower()
-    ending = max((one for one in ENDINGS if lower.endswith(one)), key=len, default="")
-    return name[: len(name) - len(ending)] or name
 
 
 def _bytes(path: Path) -> int:

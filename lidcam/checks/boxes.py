@@ -36,18 +36,17 @@ class DoubtedCheck:
 
     @property
     def warnings(self) -> tuple[RunWarning, ...]:
-        """One for each class that is likely and hardly reported."""
-        if self._has_2d_boxes:
+        """One that names the classes that are likely and hardly reported, if there are any."""
+        named = np.flatnonzero((self._doubted >= MIN_BOXES) & (self._doubted >= MIN_RATIO * self._reported))
+        if self._has_2d_boxes or not len(named):
             return ()
-        named = (self._doubted >= MIN_BOXES) & (self._doubted >= MIN_RATIO * self._reported)
-        return tuple(
+        counts = ", ".join(f"{self._doubted[row]} {self._names[row]}" for row in named)
+        return (
             RunWarning(
-                self._names[row],
-                f"{self._doubted[row]} boxes have a probability of {MIN_LIKELY:g} to {self._min_score:g}, below "
-                f"fuse.min_score; reported: {self._reported[row]}",
-                "2D boxes tell which are right (--model-2d); a smaller fuse.min_score shows all, false ones too",
-            )
-            for row in np.flatnonzero(named)
+                "fuse.min_score",
+                f"{counts} boxes are below it, with {MIN_LIKELY:g} to {self._min_score:g}",
+                "2D boxes tell which are right (--model-2d)",
+            ),
         )
 
 

@@ -9,6 +9,7 @@ from lidcam.cli.demo import demo
 from lidcam.cli.evaluate import EVALUATE_EXAMPLES, evaluate
 from lidcam.cli.export import EXPORT_EXAMPLES, export
 from lidcam.cli.fetch import FETCH_EXAMPLES, fetch
+from lidcam.cli.groups import GroupedCommand, Program
 from lidcam.cli.inspect import INSPECT_EXAMPLES, inspect
 from lidcam.cli.options import Version
 from lidcam.cli.process import PROCESS_EXAMPLES, process
@@ -23,8 +24,11 @@ __all__ = ["app", "process_app"]
 HELP_NAMES = {"help_option_names": ["-h", "--help"]}
 
 app = typer.Typer(
+    cls=Program,
     context_settings=HELP_NAMES,
-    help="Recorded lidar and camera topics in, fused objects out. No ROS installed.",
+    help="Recorded lidar and camera topics in, fused objects out. No ROS installed.\n\n"
+    "Shortest: `lidcam drive.bag` processes a recording into the folder drive.lidcam.",
+    subcommand_metavar="RECORDING | COMMAND [ARGS]...",
     no_args_is_help=True,
     rich_markup_mode=None,  # plain text: the same on a terminal, in a log and in a file
     pretty_exceptions_enable=False,
@@ -32,9 +36,9 @@ app = typer.Typer(
 process_app = typer.Typer(context_settings=HELP_NAMES, rich_markup_mode=None, pretty_exceptions_enable=False)
 
 # The help lists them in this order.
-app.command(epilog=PROCESS_EXAMPLES)(process)
-app.command(epilog=BATCH_EXAMPLES)(batch)
-app.command(epilog=INSPECT_EXAMPLES)(inspect)
+app.command(cls=GroupedCommand, epilog=PROCESS_EXAMPLES)(process)
+app.command(cls=GroupedCommand, epilog=BATCH_EXAMPLES)(batch)
+app.command(cls=GroupedCommand, epilog=INSPECT_EXAMPLES)(inspect)
 app.command(epilog=EVALUATE_EXAMPLES)(evaluate)
 app.command(epilog=COMPARE_EXAMPLES)(compare)
 app.command(epilog=EXPORT_EXAMPLES)(export)
@@ -46,7 +50,7 @@ app.command(epilog=SIMULATE_EXAMPLES)(simulate)
 app.command(epilog=DRIVE_EXAMPLES)(drive)
 app.add_typer(train_app, name="train", help="Train networks of your own on simulated worlds.")
 app.add_typer(config_app, name="config", help="The presets, and what the settings mean.")
-process_app.command(epilog=PROCESS_EXAMPLES)(process)
+process_app.command(cls=GroupedCommand, epilog=PROCESS_EXAMPLES)(process)
 
 
 @app.callback()

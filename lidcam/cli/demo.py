@@ -2,7 +2,6 @@
 
 import filecmp
 import shutil
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +9,7 @@ import typer
 
 import lidcam.bags
 from lidcam.cli.options import Overwrite, with_log_options
-from lidcam.cli.process import run_process
+from lidcam.cli.process import made_folder, run_process
 from lidcam.pipeline.core.errors import OutputError
 
 SAMPLE = Path(lidcam.bags.__file__).with_name("sandbox.bag")
@@ -25,25 +24,21 @@ def demo(
 ) -> None:
     """Process the bundled sample recording.
 
-    Writes to a folder; the last lines tell how to open the outputs.
+    Writes an MCAP, a Rerun recording and a page into a folder.
     """
+    from lidcam.cli.printing.folding import show_line
     from lidcam.cli.printing.terminal import console
     from lidcam.run.job import make_job
 
     recording = folder / SAMPLE.name
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        _copy_sample(recording, overwrite=overwrite)  # to be tried out with other commands
-    except OSError as err:
-        raise OutputError(
-            f"{folder}: expected a folder to write to: {err.strerror or err}; choose another one"
-        ) from err
-    mcap, rerun = recording.with_suffix(".mcap"), recording.with_suffix(".rrd")
-    run_process(make_job(recording, [mcap, rerun], config="sandbox", overwrite=overwrite))
-    out = console()
-    out.print()
-    for line in _remarks(recording, mcap, rerun):
-        out.print(line)
+    with made_folder(folder):
+        try:
+            _copy_sample(recording, overwrite=overwrite)  # to be tried out with other commands
+        except OSError as err:
+            raise OutputError(f"{folder}: cannot write there: {err.strerror or err}; choose another folder") from err
+        outputs = [recording.with_suffix(ending) for ending in (".mcap", ".rrd", ".html")]
+        run_process(make_job(recording, outputs, config="sandbox", overwrite=overwrite))
+    show_line(console(), f"processed: {recording}; lidcam inspect {recording} shows what is in it")
 
 
 def _copy_sample(path: Path, *, overwrite: bool) -> None:
@@ -54,21 +49,3 @@ def _copy_sample(path: Path, *, overwrite: bool) -> None:
         return
     with OutputTransaction([path], check_old=check_replaced(lambda _: SIMULATED, overwrite=overwrite)) as outputs:
         shutil.copyfile(SAMPLE, outputs[path].part)
-
-
-def _remarks(recording: Path, mcap: Path, rerun: Path) -> list[str]:
-    layout = mcap.with_suffix(".foxglove.json")
-    remarks = [
-        "Look at it:",
-        f"  {_program('rerun')} {rerun}",
-        f"  or in Foxglove or Lichtblick: Open local file, {mcap}",
-    ]
-    if layout.is_file():
-        remarks.append(f"    with the layout {layout}")
-    return [*remarks, "What was processed:", f"  {_program('lidcam')} inspect {recording}"]
-
-
-def _program(name: str) -> str:
-    """The command for a program that was installed with lidcam: its name if that is on the path, else its path."""
-    path = str(Path(sys.executable).with_name(name))
-    return name if shutil.which(name) == path else path

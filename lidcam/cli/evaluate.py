@@ -15,6 +15,7 @@ from lidcam.cli.options import (
     requirement_errors,
     with_log_options,
 )
+from lidcam.cli.printing.log import is_verbose
 from lidcam.cli.verdict import Verdict
 
 # \b keeps the lines of a paragraph as they are.
@@ -55,6 +56,9 @@ def evaluate(
         typer.Option("--config", metavar="FILE", help="Use the section `evaluate` of these settings."),
     ] = None,
     settings: Setting = None,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Print all tables: each source, errors, tracks, gain, worst errors.")
+    ] = False,
     as_json: AsJson = False,
     json_file: JsonFile = None,
     overwrite: Overwrite = False,
@@ -100,5 +104,5 @@ def evaluate(
     if as_json:
         show_json(console(), tree)
     else:
-        print_evaluation(console(), evaluation)
+        print_evaluation(console(), evaluation, everything=everything or is_verbose())
     verdict.end()

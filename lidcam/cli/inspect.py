@@ -56,7 +56,7 @@ def inspect(
     Topics, types, rates, gaps, sensors, sources of calibration, and damage.
     """
     from lidcam.inspection import inspect_open, inspect_recording
-    from lidcam.outputs.allowed import REPAIRED, TEXT, check_no_input, check_replaced
+    from lidcam.outputs.allowed import REPAIRED, TEXT, check_no_input, check_replaced, is_own_mcap
     from lidcam.readers.open import open_recording
     from lidcam.readers.recording import ReadOptions
     from lidcam.readers.rig.rig_file import rig_yaml
@@ -104,6 +104,10 @@ def inspect(
                 _print(inspection, Verdict((problem,)), as_json=as_json, repaired=repair is not None)
             outputs[write_rig].write_text(marked_yaml(inspection.draft))
             remarks.insert(0, f"wrote {write_rig}")
+    for path in job.inputs:
+        if isinstance(path, Path) and is_own_mcap(path):
+            words = f"{path} is a result of lidcam: see lidcam view, report, evaluate, compare and export"
+            inspection = replace(inspection, notes=(words, *inspection.notes))
     for remark in remarks:  # the files have their names now
         remark_log.info("%s", remark)
     verdict = verdict or _verdict(inspection, needs_rig=write_rig is None)

@@ -18,6 +18,9 @@ logger = logging.getLogger(__name__)
 
 T = TypeVar("T", str, Path)
 
+OUTPUTS, CHECKING, SCREEN = "Outputs", "Checks", "Screen and log"
+"""Headings of options in the help, beside those of `JobOptions`."""
+
 MAX_SECONDS = 1e9
 """Largest time of a recording that is accepted, seconds; well within 64 bits of nanoseconds."""
 
@@ -50,7 +53,8 @@ def ends_in(*endings: str) -> Callable[[T | None], T | None]:
 
 def output_option(text: str, *endings: str, name: str = "OUT") -> Any:
     """An option that names an output with one of these endings."""
-    return typer.Option(metavar="|".join(f"{name}{one}" for one in endings), callback=ends_in(*endings), help=text)
+    metavar = "|".join(f"{name}{one}" for one in endings)
+    return typer.Option(metavar=metavar, callback=ends_in(*endings), help=text, rich_help_panel=OUTPUTS)
 
 
 @contextmanager
@@ -74,7 +78,14 @@ def job_option(name: str) -> Any:
     """The command-line option of a keyword of `JobOptions`."""
     cli = JobOptions.__annotations__[name].__metadata__[0]
     text = attribute_docs(JobOptions)[name] + " May be repeated." * (cli.type == list[str])
-    return typer.Option(cli.name, metavar=cli.metavar, min=cli.minimum, callback=CHECKS.get(name), help=text)
+    return typer.Option(
+        cli.name,
+        metavar=cli.metavar,
+        min=cli.minimum,
+        callback=CHECKS.get(name),
+        help=text,
+        rich_help_panel=cli.group,
+    )
 
 
 def with_job_options(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -167,7 +178,9 @@ ConfigFile = Annotated[str | None, job_option("config")]
 Setting = Annotated[list[str] | None, job_option("settings")]
 RigFile = Annotated[list[str] | None, job_option("rig")]
 Overwrite = Annotated[bool, job_option("overwrite")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON instead of tables.")]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print the result as JSON instead of tables.", rich_help_panel=SCREEN)
+]
 JsonFile = Annotated[Path | None, output_option("Also write the result as JSON.", ".json", name="FILE")]
 Require = Annotated[
     list[str] | None,
@@ -175,6 +188,7 @@ Require = Annotated[
         "--require",
         metavar='"FIGURE >= N"',
         help="Exit with code 1 if a requirement is not met; @FILE lists one per line. May be repeated.",
+        rich_help_panel=CHECKING,
     ),
 ]
 Scenario = Annotated[
@@ -186,13 +200,20 @@ Format = Annotated[
     Literal["ros1", "sqlite3", "mcap"] | None,
     typer.Option("--format", help="Format of the recording. Default: by the ending of its name."),
 ]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Log every step to stderr, frame by frame.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print only errors and the result.")]
+Verbose = Annotated[
+    bool,
+    typer.Option("--verbose", "-v", help="Print all tables, and log every frame to stderr.", rich_help_panel=SCREEN),
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print only errors and the result.", rich_help_panel=SCREEN)]
 LogFile = Annotated[
     Path | None,
     # Lines are appended: to no recording by mistake.
     typer.Option(
-        "--log-file", metavar="FILE", callback=ends_in(".log", ".txt"), help="Append the full log, with UTC times."
+        "--log-file",
+        metavar="FILE",
+        callback=ends_in(".log", ".txt"),
+        help="Append the full log, with UTC times.",
+        rich_help_panel=SCREEN,
     ),
 ]
 Truth = Annotated[

@@ -2,13 +2,17 @@
 
 import logging
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
 import typer
 
 from lidcam.cli.options import (
+    CHECKING,
+    OUTPUTS,
+    SCREEN,
     AsJson,
     JsonFile,
     Require,
@@ -19,10 +23,12 @@ from lidcam.cli.options import (
     with_log_options,
 )
 from lidcam.cli.printing.log import is_verbose, remark_log
+from lidcam.cli.printing.numbers import Units
 from lidcam.cli.verdict import Verdict, strict_failure
 from lidcam.outputs.registry import endings_of
+from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES
-from lidcam.readers.location import location
+from lidcam.readers.location import Location, location, recording_stem
 from lidcam.run.options import JobOptions
 
 if TYPE_CHECKING:
@@ -42,12 +48,13 @@ stderr.
 
 \b
 Examples:
-  lidcam-process drive.bag out.mcap --rerun out.rrd --objects out.csv
-  lidcam-process bag_folder out.mcap --model-2d yolox-nano
-  lidcam-process drive.bag out.mcap --rig site.yaml --start 30 --duration 10
-  lidcam-process part_0.mcap part_1.mcap out.mcap --set sync.slop_s=0.05
-  lidcam-process https://host/drive.mcap out.mcap --start 30 --duration 10
-  lidcam-process drive.bag out.mcap --require "fused.car.recall > 0.8"
+  lidcam process drive.bag
+  lidcam process drive.bag out.mcap --rerun out.rrd --objects out.csv
+  lidcam process bag_folder out.mcap --model-2d yolox-nano
+  lidcam process drive.bag out.mcap --rig site.yaml --start 30 --duration 10
+  lidcam process part_0.mcap part_1.mcap out.mcap --set sync.slop_s=0.05
+  lidcam process https://host/drive.mcap out.mcap --start 30 --duration 10
+  lidcam process drive.bag out.mcap --require "fused.car.recall > 0.8"
 """
 
 
@@ -57,11 +64,17 @@ def process(
     paths: Annotated[
         list[str],
         typer.Argument(
-            metavar="IN [IN ...] OUT.mcap",
+            metavar="IN [IN ...] [OUT.mcap]",
             help="Recording (.bag, ROS 2 folder, .mcap, .db3, .pcap, or the URL of an .mcap), then the output; both "
-            "may be s3://.",
+            "may be s3://. Without an output, drive.bag becomes .mcap, .rrd and .html in the folder drive.lidcam.",
         ),
     ],
+    out: Annotated[
+        str | None,
+        typer.Option(
+            "--out", "-o", metavar="DIR|OUT.mcap", help="Folder or file of the result.", rich_help_panel=OUTPUTS
+        ),
+    ] = None,
     rerun: Annotated[str | None, output_option("Also write a Rerun recording.", *endings_of("--rerun"))] = None,
     objects: Annotated[
         str | None,
@@ -75,15 +88,31 @@ def process(
         ),
     ] = None,
     print_detections: Annotated[
-        bool, typer.Option("--print-detections", help="Print each frame's detections by sensor, and the fused objects.")
+        bool,
+        typer.Option(
+            "--print-detections",
+            help="Print each frame's detections by sensor, and the fused objects.",
+            rich_help_panel=SCREEN,
+        ),
     ] = False,
     print_matches: Annotated[
-        bool, typer.Option("--print-matches", help="Print each frame's matches between 2D boxes and objects.")
+        bool,
+        typer.Option(
+            "--print-matches",
+            help="Print each frame's matches between 2D boxes and objects.",
+            rich_help_panel=SCREEN,
+        ),
     ] = False,
+    units: Annotated[
+        Units, typer.Option("--units", help="Unit of speeds on the screen.", rich_help_panel=SCREEN)
+    ] = "km/h",
     as_json: AsJson = False,
     json_file: JsonFile = None,
     evaluate_: Annotated[
-        bool, typer.Option("--evaluate", help="Evaluate the result afterwards, like `lidcam evaluate`.")
+        bool,
+        typer.Option(
+            "--evaluate", help="Evaluate the result afterwards, like `lidcam evaluate`.", rich_help_panel=CHECKING
+        ),
     ] = False,
     requirements: Require = None,
     strict: Annotated[
@@ -92,23 +121,22 @@ def process(
             "--strict",
             help="Exit with code 1 if a sensor is left out, a file is damaged, or more than 5 % of a sensor's frames "
             "or a topic's messages are missing; outputs are kept.",
+            rich_help_panel=CHECKING,
         ),
     ] = False,
     _: Version = False,
     **options: Unpack[JobOptions],
 ) -> None:
     """Turn a recording into fused objects (MCAP, Rerun)."""
-    if len(paths) < 2:
-        raise typer.BadParameter("expected at least one recording and the output", param_hint="IN OUT.mcap")
-    *inputs, output = map(location, paths)
-    if not output.name.endswith(".mcap"):
-        raise typer.BadParameter(f"the output comes last and ends in .mcap, found {output}", param_hint="OUT.mcap")
     if as_json and (print_detections or print_matches):
         raise typer.BadParameter(
             "prints one JSON document and nothing else: leave out --print-detections and --print-matches, or write it "
             "to a file with --json-file FILE.json",
             param_hint="--json",
         )
+    inputs, output, folder = _places(paths, out)
+    if folder is not None:
+        rerun, report = rerun or str(output.with_suffix(".rrd")), report or str(output.with_suffix(".html"))
     if options.get("workers") != 1:
         # Processes already fill the cores; threads of libraries inside of one would only wait for each other.
         # Read once, when the libraries are loaded.
@@ -118,7 +146,11 @@ def process(
     from lidcam.run.job import make_job
 
     outputs = [output, *(location(one) for one in (rerun, objects, report, video) if one is not None)]
-    with requirement_errors(), sent_when_complete(outputs, inputs, overwrite=options["overwrite"]) as sending:
+    with (
+        requirement_errors(),
+        made_folder(folder),
+        sent_when_complete(outputs, inputs, overwrite=options["overwrite"]) as sending,
+    ):
         required: Sequence[Requirement] | None = () if evaluate_ else None
         if requirements:
             from lidcam.evaluation.requirement import read_requirements
@@ -131,6 +163,7 @@ def process(
             job,
             detections=print_detections,
             matches=print_matches,
+            units=units,
             as_json=as_json,
             json_file=json_file,
             strict=strict,
@@ -139,23 +172,86 @@ def process(
         )
 
 
+def _places(paths: Sequence[str], out: str | None) -> "tuple[list[Location], Any, Path | None]":
+    """The inputs, the result, and the folder that it is written into if only that is known."""
+    *inputs, last = map(location, paths)
+    if out is not None or not inputs:
+        inputs = [*inputs, last]
+        if out is not None and out.endswith(".mcap"):
+            return inputs, location(out), None
+        folder = _folder(inputs[0]) if out is None else location(out)
+        if not isinstance(folder, Path):
+            raise typer.BadParameter(f"on a server, name the result: {out}/OUT.mcap", param_hint="--out")
+        return inputs, folder / f"{recording_stem(inputs[0].name)}.mcap", folder
+    if not last.name.endswith(".mcap"):
+        raise typer.BadParameter(
+            f"the output comes last and ends in .mcap, found {last}; for several recordings: "
+            f"lidcam batch {' '.join(paths)} --out DIR",
+            param_hint="OUT.mcap",
+        )
+    return inputs, last, None
+
+
+def _folder(recording: Location) -> Path:
+    """The folder for the result of a recording: beside it; of one on a server, in the working folder."""
+    if isinstance(recording, Path):
+        if recording.suffix in {".rrd", ".html"} or (recording.suffix == ".mcap" and _is_result(recording)):
+            raise typer.BadParameter(
+                f"{recording} is a result of lidcam: `lidcam view {recording}` opens it; to process it as a recording, "
+                "name an output",
+                param_hint="IN",
+            )
+        recording = recording.resolve() if recording.name in {"", ".."} else recording
+    name = f"{recording_stem(recording.name)}.lidcam"
+    return recording.with_name(name) if isinstance(recording, Path) else Path(name)
+
+
+def _is_result(path: Path) -> bool:
+    from lidcam.outputs.allowed import is_own_mcap
+
+    return is_own_mcap(path)
+
+
+@contextmanager
+def made_folder(folder: Path | None) -> Iterator[None]:
+    """Make a folder for the outputs; it goes again if it was made and nothing was written into it.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
+    is_new = folder is not None and not folder.exists()
+    try:
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+    except OSError as err:
+        raise OutputError(f"{folder}: cannot write there: {err.strerror or err}; choose another folder") from err
+    try:
+        yield
+    finally:
+        if folder is not None and is_new:
+            with suppress(OSError):  # it holds the outputs
+                folder.rmdir()
+
+
 def run_process(
     job: "Job",
     *,
     detections: bool = False,
     matches: bool = False,
+    units: "Units" = "km/h",
     as_json: bool = False,
     json_file: Path | None = None,
     strict: bool = False,
     requirements: "Sequence[Requirement] | None" = None,
     send: "Callable[[RunSummary], RunSummary]" = lambda summary: summary,
 ) -> None:
-    """Process a recording and print the final tables.
+    """Process a recording and print a summary.
 
     Args:
         job: The recording, the settings and the outputs.
         detections: Print the detections of each frame.
         matches: Print the matches of each frame.
+        units: Unit of speeds in the tables.
         as_json: Print JSON instead of tables.
         json_file: File for the JSON.
         strict: Fail if too little of the recording was used.
@@ -168,7 +264,7 @@ def run_process(
         LidcamError: as in `process_recording`.
     """
     from lidcam.cli.json_output import json_output
-    from lidcam.cli.printing.console import print_summary
+    from lidcam.cli.printing.run import print_details, print_summary
     from lidcam.cli.printing.running import shown_run
     from lidcam.cli.printing.terminal import console, show_json
     from lidcam.outputs.open import written_files
@@ -195,12 +291,15 @@ def run_process(
     if as_json:
         show_json(out, tree)
     else:
-        print_summary(out, summary, times=is_verbose())
+        if is_verbose():
+            print_details(out, summary)
+            out.print()
+        print_summary(out, summary, units)
     if evaluation is not None and not as_json:
         from lidcam.cli.printing.evaluation import print_evaluation
 
         out.print()
-        print_evaluation(out, evaluation)
+        print_evaluation(out, evaluation, everything=is_verbose())
     verdict.end()
 
 

@@ -63,8 +63,8 @@ class RunResult:
         return self.summary.drops.messages
 
     def _repr_html_(self) -> str:
-        """For notebooks: the final tables of the command line."""
-        from lidcam.cli.printing.console import print_summary
+        """For notebooks: the summary that the command line prints."""
+        from lidcam.cli.printing.run import print_summary
         from lidcam.cli.printing.terminal import printed_html
 
         return printed_html(lambda out: print_summary(out, self.summary))

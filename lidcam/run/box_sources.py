@@ -29,7 +29,7 @@ BoxSource = Literal["onnx", "recorded", "none"]
 DetectInCloud = Callable[[CombinedCloud], Boxes3D]
 DetectInImages = Callable[[Mapping[str, Image], CombinedCloud], Mapping[str, Boxes2D]]
 
-ADVICE = "The cameras are not used: no 2D network. Type `lidcam fetch yolox-nano`, then run this command again."
+ADVICE = "The cameras are not used. Type `lidcam fetch yolox-nano`, then run this again."
 
 
 @dataclass
@@ -99,7 +99,7 @@ def boxes_2d_words(config: Config, rig: Rig) -> tuple[str, str]:
     """The source of 2D boxes in words, and what to type where cameras lack a network; mostly empty."""
     source, model = box_source(config, rig), str(config.detect2d.model)
     if source != "none":
-        return "as recorded" if source == "recorded" else f"by the 2D network {Path(model).name}", ""
+        return "as recorded" if source == "recorded" else f"network {Path(model).name}", ""
     lacks = _may_fetch(config, rig) and any(camera.topic for camera in rig.cameras)
     remedy = "recorded 2D boxes, or a 2D network (lidcam fetch, --model-2d FILE.onnx), enable the cameras"
     return f"none: lidar-only; {remedy}", ADVICE if lacks else ""

@@ -25,12 +25,14 @@ class CliOption(NamedTuple):
         name: The name of the option.
         metavar: The placeholder of its value in the help.
         minimum: The smallest allowed number.
+        group: The heading that the help lists it under.
     """
 
     type: Any
     name: str
     metavar: str | None = None
     minimum: float | None = None
+    group: str = "Run"
 
 
 class JobOptions(TypedDict, total=False):
@@ -59,22 +61,22 @@ class JobOptions(TypedDict, total=False):
         save_matches: Also write an image (JPEG) of each camera and frame into this folder: 2D and 3D boxes, matches.
     """
 
-    config: Annotated["Config | FilePath | None", CliOption(str, "--config", "PRESET|FILE")]
-    settings: Annotated["Mapping[str, object] | Sequence[str]", CliOption(list[str], "--set", "A.B=C")]
-    rig: Annotated["RigSource | None", CliOption(list[str], "--rig", "FILE")]
-    model_2d: Annotated["FilePath | None", CliOption(str, "--model-2d", "FILE.onnx|NAME|none")]
-    model_3d: Annotated["FilePath | None", CliOption(str, "--model-3d", "FILE.onnx|NAME")]
-    start_s: Annotated[float, CliOption(float, "--start", "S", 0)]
-    duration_s: Annotated[float | None, CliOption(float, "--duration", "S", 0)]
-    every: Annotated[int | None, CliOption(int, "--every", "N", 1)]
+    config: Annotated["Config | FilePath | None", CliOption(str, "--config", "PRESET|FILE", group="Inputs")]
+    settings: Annotated["Mapping[str, object] | Sequence[str]", CliOption(list[str], "--set", "A.B=C", group="Inputs")]
+    rig: Annotated["RigSource | None", CliOption(list[str], "--rig", "FILE", group="Sensors")]
+    model_2d: Annotated["FilePath | None", CliOption(str, "--model-2d", "FILE.onnx|NAME|none", group="Networks")]
+    model_3d: Annotated["FilePath | None", CliOption(str, "--model-3d", "FILE.onnx|NAME", group="Networks")]
+    start_s: Annotated[float, CliOption(float, "--start", "S", 0, group="Inputs")]
+    duration_s: Annotated[float | None, CliOption(float, "--duration", "S", 0, group="Inputs")]
+    every: Annotated[int | None, CliOption(int, "--every", "N", 1, group="Inputs")]
     workers: Annotated[int | None, CliOption(int, "--workers", "N", 1)]
-    on_bad_message: Annotated[OnBadMessage, CliOption(OnBadMessage, "--on-bad-message")]
-    copy_topics: Annotated["Sequence[str] | None", CliOption(list[str], "--copy-topics", "PATTERN")]
-    overwrite: Annotated[bool, CliOption(bool, "--overwrite")]
+    on_bad_message: Annotated[OnBadMessage, CliOption(OnBadMessage, "--on-bad-message", group="Inputs")]
+    copy_topics: Annotated["Sequence[str] | None", CliOption(list[str], "--copy-topics", "PATTERN", group="Outputs")]
+    overwrite: Annotated[bool, CliOption(bool, "--overwrite", group="Outputs")]
     view: Annotated[bool, CliOption(bool, "--view")]
     foxglove: Annotated[int | str | None, CliOption(str, "--foxglove", "[HOST:]PORT")]
     pace: Annotated[float | None, CliOption(float, "--pace", "N")]
-    save_matches: Annotated["FilePath | None", CliOption(str, "--save-matches", "DIR")]
+    save_matches: Annotated["FilePath | None", CliOption(str, "--save-matches", "DIR", group="Outputs")]
 
 
 def attribute_docs(owner: type) -> dict[str, str]:

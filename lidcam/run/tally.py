@@ -71,13 +71,13 @@ class RunProgress:
 
     Attributes:
         frames: Frames that have passed the stages; with offline tracks the last ones are not written yet.
-        objects: Objects in the written frames.
+        detections: Fused detections in them; tracks come later, drop some and add others.
         drops: Dropped messages so far; reading is ahead of the frames.
         log_time_ns: Log time of the newest frame; before the first one, the start of the recording.
     """
 
     frames: int
-    objects: int
+    detections: int
     drops: int
     log_time_ns: int
 

@@ -1,29 +1,43 @@
 """Road users of a run: how many there were, how fast, and who went from zone to zone. Each track counts once."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, I64, Array
+from lidcam.pipeline.core.arrays import F64, I32, I64, Array, Bools
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.text import brief
 from lidcam.pipeline.core.tracks import NO_TRACK
 
+MIN_MOVING_SPEED_M_S = 0.3
+"""Minimum speed of a road user, at its fastest, that counts as moving."""
+
 
 @dataclass(frozen=True, slots=True)
 class RoadUserCount:
-    """The road users of one class in one zone, or in all of the site."""
+    """The road users of one class in one zone, or in all of the site.
 
-    class_name: str  # Their class
-    zone: str  # The zone, `outside` of all zones, or empty: the site
-    count: int  # Number of road users that were there for a frame or more
-    # Mean over the road users of the mean speed of each while it was there; NaN where the speed of none is known
+    Attributes:
+        class_name: Their class.
+        zone: The zone, `outside` of all zones, or empty: the site.
+        count: Number of road users that were there for a frame or more.
+        moved: Number of those that moved, there or elsewhere on the site.
+        stood: Number of those that never moved. The speed of the others, seen too briefly, is not known.
+        speed_mean_m_s: Mean, over those that moved, of the mean speed of each while it was there; NaN without any.
+        speed_max_m_s: Highest speed of one of those in one frame; NaN likewise.
+    """
+
+    class_name: str
+    zone: str
+    count: int
+    moved: int
+    stood: int
     speed_mean_m_s: float
-    speed_max_m_s: float  # The highest speed of one of them in one frame; NaN likewise
+    speed_max_m_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +48,7 @@ class ZoneChange:
     from_zone: str  # The first zone in which each was
     to_zone: str  # The last
     count: int  # Number of road users
-    speed_mean_m_s: float  # Mean over them of the mean speed of each in all frames; NaN where none is known
+    speed_mean_m_s: float  # Mean, over those that moved, of the mean speed of each in all frames; NaN without any
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +77,16 @@ class RoadUserTable:
 
     def __len__(self) -> int:
         return len(self.class_ids)
+
+    @property
+    def moved(self) -> Bools:
+        """(N,) bool, which of them moved."""
+        return self.speed_maxima >= MIN_MOVING_SPEED_M_S
+
+    @property
+    def stood(self) -> Bools:
+        """(N,) bool, which of them never moved; the others, which did neither, were seen too briefly."""
+        return self.speed_maxima < MIN_MOVING_SPEED_M_S
 
 
 class RoadUserTally:
@@ -163,20 +187,32 @@ class RoadUserTally:
 
     def _counts(self, class_name: str, found: Array) -> Iterator[RoadUserCount]:
         places = [*range(1, len(self._places)), 0] if len(self._places) > 1 else []
-        columns = [(self._places[row], [row]) for row in places] + [("", [*range(len(self._places))])]
+        everywhere = [*range(len(self._places))]
+        columns = [(self._places[row], [row]) for row in places] + [("", everywhere)]
+        fastest = _max_speeds(found, everywhere)
         for zone, rows in columns:
-            frames = found["frames"][:, rows].sum(1)
-            here = frames > 0
+            here = found["frames"][:, rows].any(1)
+            moved, stood = here & (fastest >= MIN_MOVING_SPEED_M_S), here & (fastest < MIN_MOVING_SPEED_M_S)
             if here.any():
-                means, maxima = _mean_speeds(found[here], rows), _max_speeds(found[here], rows)
-                yield RoadUserCount(class_name, zone, int(here.sum()), _mean(means), float(np.fmax.reduce(maxima)))
+                means, maxima = _mean_speeds(found[moved], rows), _max_speeds(found[moved], rows)
+                yield RoadUserCount(
+                    class_name,
+                    zone,
+                    count=int(here.sum()),
+                    moved=int(moved.sum()),
+                    stood=int(stood.sum()),
+                    speed_mean_m_s=_known(np.mean, means),
+                    speed_max_m_s=_known(np.max, maxima),
+                )
 
     def _changes(self, class_name: str, found: Array) -> Iterator[ZoneChange]:
-        ways = np.stack([found["first_zone"], found["last_zone"]], 1)
+        ways, everywhere = np.stack([found["first_zone"], found["last_zone"]], 1), [*range(len(self._places))]
+        moved = _max_speeds(found, everywhere) >= MIN_MOVING_SPEED_M_S
         for way in np.unique(ways[ways[:, 0] != ways[:, 1]], axis=0):
-            means = _mean_speeds(found[(ways == way).all(1)], [*range(len(self._places))])
+            went = (ways == way).all(1)
+            means = _mean_speeds(found[went & moved], everywhere)
             first, last = (self._places[row] for row in way.tolist())
-            yield ZoneChange(class_name, first, last, len(means), _mean(means))
+            yield ZoneChange(class_name, first, last, int(went.sum()), _known(np.mean, means))
 
 
 def _mean_speeds(found: Array, places: list[int]) -> F64:
@@ -192,7 +228,7 @@ def _max_speeds(found: Array, places: list[int]) -> F64:
     return np.where(known, found["speed_max"][:, places].max(1), np.nan)
 
 
-def _mean(speeds: F64) -> float:
-    """The mean of those that are known; NaN where none is."""
+def _known(reduce: Callable[[F64], Any], speeds: F64) -> float:
+    """A figure of those that are known; NaN where none is."""
     known = speeds[~np.isnan(speeds)]
-    return float(known.mean()) if len(known) else float("nan")
+    return float(reduce(known)) if len(known) else float("nan")

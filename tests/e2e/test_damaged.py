@@ -105,7 +105,7 @@ def test_a_file_that_was_not_closed_and_lost_nothing_is_whole(lidcam: Lidcam, tm
 
 def test_process_tells_what_was_lost(lidcam: Lidcam, tmp_path: Path) -> None:
     path, out = damaged(tmp_path, "mcap"), tmp_path / "out.mcap"
-    run = lidcam("process", path, out, "--set", CLUSTERS)
+    run = lidcam("process", path, out, "--set", CLUSTERS, "-v")
     assert run.code == 3, run.err
     assert "rec.mcap is damaged or was not closed" in run.err
     assert "crc" in run.out

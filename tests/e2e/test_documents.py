@@ -124,9 +124,15 @@ def result() -> bytes:
         return path.read_bytes()
 
 
+def result_in_folder(path: Path) -> None:
+    path.parent.mkdir()
+    path.write_bytes(result())
+
+
 STAND_INS: dict[str, Callable[[Path], object]] = {
     "drive.bag": lambda path: path.symlink_to(SANDBOX),
     "broken.bag": lambda path: path.write_bytes(SANDBOX.read_bytes()[:3_000_000]),
+    "drive.lidcam/drive.mcap": result_in_folder,
     "golden.mcap": lambda path: path.write_bytes(result()),
     "new.mcap": lambda path: path.write_bytes(result()),
     "out.mcap": lambda path: path.write_bytes(result()),

@@ -43,7 +43,7 @@ def test_requirements_that_are_met_and_not(lidcam: Lidcam, result: Path, tmp_pat
         r"lidcam: error: frames: expected > 100, found \d\n",
         missed.err.removeprefix(f"wrote {tmp_path / 'figures.json'}\n"),
     )
-    assert "detection\n" in missed.out
+    assert "fused  truth  recall" in missed.out
     tree = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
     assert [outcome["is_met"] for outcome in tree["requirements"]] == [False, False, True]
     renamed = gate.rename(tmp_path / "gate.json")  # a gate, and not the place for figures

@@ -65,7 +65,7 @@ def poorly(sensor: str, step: int) -> bool:
 def test_every_frame_is_there_and_what_it_lacks_is_told(lidcam: Lidcam, tmp_path: Path) -> None:
     write_rosbag1(poor := tmp_path / "poor.bag", recorded(poorly))
     out, figures = tmp_path / "out.mcap", tmp_path / "out.json"
-    run = lidcam("process", poor, out, "--json-file", figures, "--set", CLUSTERS)
+    run = lidcam("process", poor, out, "--json-file", figures, "--set", CLUSTERS, "-v")
     assert run.code == 0, run.err
     table = run.out[run.out.index("missing from frames") :]
     assert re.search(r"^cam1 +19 +silent from 1\.0 s to the end$", table, re.MULTILINE)

@@ -22,7 +22,7 @@ OVERRIDES = "; --config road overrides"
 
 
 def test_the_sample_of_the_sandbox_gives_objects_without_a_flag(lidcam: Lidcam, tmp_path: Path) -> None:
-    done = lidcam("process", BAGS / "sandbox.bag", tmp_path / "out.mcap", "--duration", "0.3")
+    done = lidcam("process", BAGS / "sandbox.bag", tmp_path / "out.mcap", "--duration", "0.3", "-v")
     assert done.code == 0, done.err
     assert "\nobjects, sum over 2 frames\n" in done.out
     assert JUDGED["sandbox.bag"] in " ".join(done.out.split())

@@ -88,8 +88,8 @@ def test_the_readme_shows_what_is_printed(whole: Path) -> None:
     """By the command of the demo, which `make gate` runs."""
     readme = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
     table = readme.split("and prints what it found:\n\n```\n")[1].split("...\n```")[0]
-    assert table.startswith("road users")
-    assert whole.with_suffix(".txt").read_text(encoding="utf-8").startswith(table)
+    assert "road users" in table
+    assert whole.with_suffix(".txt").read_text(encoding="utf-8").partition("\n")[2].startswith(table)
 
 
 def test_both_cars_are_found_and_confirmed(
@@ -156,7 +156,7 @@ def test_json_summary_and_same_bytes_with_any_name(process: Process, tmp_path: P
 
 def test_truth_is_copied_around_the_window_with_names_for_numbers(process: Process, tmp_path: Path) -> None:
     out, given = tmp_path / "o.mcap", ("--start", "0.5", "--duration", "0.5")
-    run = process(out, *given)
+    run = process(out, *given, "-v")
     assert re.search(r"copied +360 messages: /ground_truth/\* \(18 topics\)", run.out)
     truth = messages_of(out, "/ground_truth/objects")
     objects = truth[0][1].detections

@@ -67,8 +67,8 @@ class Toy:
 ENGINE_ROWS = """
 from lidcam.pipeline.core.settings.engines import ENGINES, Engine3D
 
-ENGINES["toy"] = Engine3D("toy:Toy", "by a toy")
-ENGINES["big"] = Engine3D("toy:Toy", "by a large toy", package="nowhere_at_all", extra="toys")
+ENGINES["toy"] = Engine3D("toy:Toy", "toy boxes")
+ENGINES["big"] = Engine3D("toy:Toy", "large toy boxes", package="nowhere_at_all", extra="toys")
 """
 
 
@@ -79,7 +79,7 @@ def test_an_engine(tmp_path: Path) -> None:
     done, unknown, unfit = run(tmp_path, ENGINE, ENGINE_ROWS, *commands)
     assert "'none', 'toy' or 'big', found 'toys'" in unknown.error_line
     assert "needs nowhere_at_all, which is not installed: pip install 'lidcam[toys]'" in unfit.error_line
-    assert "3D boxes   by a toy" in done.out
+    assert "3D boxes: toy boxes;" in done.out
     frames = fused_objects(out).values()
     assert len(frames) > 1
     for objects in frames:

@@ -32,7 +32,7 @@ def test_the_same_objects_as_with_topics_named_by_hand(
     common = "--config", "sandbox", "--set", CLUSTERS
     chosen = [f"topics.lidars=[{','.join(lidars)}]", f"topics.cameras=[{','.join(cameras)}]"]
     named = [word for one in chosen for word in ("--set", one)]
-    found = lidcam("process", tmp_path / "all.bag", tmp_path / "found.mcap", *common)
+    found = lidcam("process", tmp_path / "all.bag", tmp_path / "found.mcap", *common, "-v")
     assert found.code == 0, found.err
     assert f"to choose others: --set '{chosen[0]}'" in " ".join(found.out.split())
     assert lidcam("process", tmp_path / "all.bag", tmp_path / "named.mcap", *common, *named).code == 0

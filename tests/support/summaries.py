@@ -10,7 +10,8 @@ from helpers import CLUSTERS
 from rich.console import Console
 
 import lidcam
-from lidcam.cli.printing.console import print_summary
+from lidcam.cli.printing.numbers import Units
+from lidcam.cli.printing.run import print_details, print_summary
 from lidcam.run.summary import RunSummary
 
 
@@ -21,10 +22,14 @@ def sound_summary() -> RunSummary:
     return lidcam.process(recording, settings=[CLUSTERS], duration_s=0.3).summary
 
 
-def printed(summary: RunSummary) -> str:
-    """The tables and remarks, without blanks at the ends of lines."""
+def printed(summary: RunSummary, *, details: bool = True, units: Units = "km/h") -> str:
+    """All tables and remarks, or the short ones, without blanks at the ends of lines."""
     with StringIO() as out:
-        print_summary(Console(width=200, file=out), summary)
+        console = Console(width=200, file=out)
+        if details:
+            print_details(console, summary)
+        else:
+            print_summary(console, summary, units)
         return "\n".join(line.rstrip() for line in out.getvalue().splitlines())
 
 

@@ -1,7 +1,6 @@
-"""Printing of inspections, frames, and the final tables of a run."""
+"""Printing of inspections and frames."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import astuple
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,14 +8,8 @@ from rich.console import Console
 
 from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.tables import (
-    drops_table,
-    missing_table,
-    objects_table,
-    pairs_table,
-    road_users_table,
     rows_table,
     sensors_table,
-    speed_text,
     topics_table,
 )
 from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, source_names
@@ -29,7 +22,7 @@ from lidcam.readers.messages.tf import TF_TYPES
 from lidcam.readers.recording import Loss
 from lidcam.readers.rig.sensor_topics import CAMERA_INFO, SensorFault
 from lidcam.readers.streams.survey import TopicSurvey
-from lidcam.run.summary import CameraCorrection, RunSummary, loss_records
+from lidcam.run.summary import loss_records
 from lidcam.run.warning import RunWarning
 
 if TYPE_CHECKING:  # a run inspects nothing
@@ -41,8 +34,7 @@ MAX_LISTED = 10
 MAX_LOSSES = 20
 """Damaged parts in the table."""
 
-BOX_SOURCES = {"onnx": "by a 2D network", "recorded": "as recorded", "none": "none: lidar-only"}
-GEOMETRY = {"lidar": "lidar only", "camera": "camera only", "both": "both", "predicted": "predicted by tracks"}
+BOX_SOURCES = {"onnx": "2D network", "recorded": "as recorded", "none": "none: lidar-only"}
 NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
 
 
@@ -128,142 +120,32 @@ def print_matches(out: Console, frame: FrameResult, config: Config) -> None:
         out.print(f"  not detected, predicted by their tracks: {', '.join(predicted)}")
 
 
-def print_summary(out: Console, summary: RunSummary, *, times: bool = False) -> None:
-    """The final tables of a run; with `times` also the time of each stage."""
-    inputs, frames, drops = summary.inputs, summary.frames, summary.drops
-    sensors, timing = summary.sensors, summary.timing
-    zones = [zone.name for zone in sensors.rig.counted_zones]
-    count = max(frames.count, 1)
-    _print_advice(out, sensors.box_words[1])
-    if users := summary.road_users:
-        show_table(out, road_users_table(users, zones))
-        out.print()
-        if users.changes:
-            columns = ("class", "from", "to", "number", "mean m/s")
-            changes = ((*astuple(one)[:4], speed_text(one.speed_mean_m_s)) for one in users.changes)
-            show_table(out, rows_table("road users from zone to zone", columns, changes, columns[:3]))
-            out.print()
-    show_line(out, f"objects, sum over {frames.count} frame{'s' * (frames.count != 1)}", "bold")
-    show_table(out, objects_table(frames.objects, zones, frames.count))
-    _print_counts(out, "detections dropped", drops.objects)
-    out.print()
-    show_table(out, drops_table(inputs.messages_used, drops.messages))
-    for drop in drops.messages:
-        if drop.example:
-            show_line(out, f"  {drop.reason}: {drop.example}", "dim")
-    _print_counts(out, "recorded 2D boxes not used", drops.boxes)
-    _print_counts(out, "recorded 3D boxes not used", drops.boxes3d)
-    _print_counts(out, "unmatched 2D boxes", drops.boxes_without_object)
-    if sensors.missing:
-        out.print()
-        show_table(out, missing_table(sensors.missing))
-    _print_losses(out, inputs.losses)
-    milliseconds = {name: f"{1e3 * seconds / count:.1f}" for name, seconds in timing.stage_seconds.items()}
-    if times and milliseconds:
-        out.print()
-        rows = [row for row in milliseconds.items() if row[1] != "0.0"]
-        show_table(out, rows_table("time", ("stage", "ms per frame"), rows))
-    out.print()
-    points = ((step, f"{total / count:.0f}") for step, total in frames.points.items())
-    show_table(out, rows_table("points", ("step", "points per frame"), points))
-    out.print()
-    rate = f", {timing.frames_per_second:.1f} per second" if timing.frames_per_second >= 0 else ""
-    copied = f"{sum(inputs.copied.values())} messages: {_below_one_name(inputs.copied)}" if inputs.copied else ""
-    facts = {
-        "frames": f"{frames.count}{rate}",
-        "sync skew": f"mean {frames.skew_mean_ms:.1f} ms, max {frames.skew_max_ms:.1f} ms",
-        "motion": _motion(summary),
-        "3D boxes": _boxes3d(summary),
-        "2D boxes": sensors.box_words[0],
-        **({"cameras": corrected} if (corrected := _corrected(sensors.corrections)) else {}),
-        "confirmed": _confirmed(summary),
-        "geometry": ", ".join(f"{GEOMETRY[name]} {n}" for name, n in frames.sources.items()),
-        **({"copied": copied} if copied else {}),
-        "settings": str(summary.settings),
-        "written": ", ".join(map(str, (*summary.outputs, *summary.sent))),
-        **summary.how_to_open,
-    }
-    show_table(out, pairs_table("run", facts))
-    _print_remarks(out, sensors.faults, summary.notes)
-    if unused := inputs.unused_topics:
-        names = [
-            f"{topic.topic} ({topic.message_count}: {topic.problem})" if topic.problem else topic.topic
-            for topic in unused
-        ]
-        show_line(out, f"not used: {_listed(names)}")
-    _print_warnings(out, summary.warnings)
-
-
-def _corrected(corrections: Mapping[str, CameraCorrection]) -> str:
-    """The corrections of cameras in a line."""
-    return "; ".join(
-        f"{name} turned by {one.turned_deg:.2f} ± {one.turned_sigma_deg:.2f} degrees, images {abs(one.late_ms):.0f} ± "
-        f"{one.late_sigma_ms:.0f} ms {'late' if one.late_ms >= 0 else 'early'}: corrected"
-        for name, one in corrections.items()
-    )
-
-
-def _print_advice(out: Console, advice: str) -> None:
-    if advice:
-        show_line(out, advice, "bold yellow")
-        out.print()
-
-
-def _print_counts(out: Console, what: str, counts: Mapping[str, int]) -> None:
-    for reason, count in counts.items():
-        show_line(out, f"  {count} {what}: {reason}")
-
-
-def _below_one_name(topics: Iterable[str]) -> str:
+def below_one_name(topics: Iterable[str]) -> str:
     """Topics in a line; several below one name are counted as one."""
     below: dict[str, list[str]] = {}
     for topic in topics:
         below.setdefault("/".join(topic.split("/")[:2]), []).append(topic)
-    return _listed([f"{name}/* ({len(some)} topics)" if len(some) > 1 else some[0] for name, some in below.items()])
+    return listed([f"{name}/* ({len(some)} topics)" if len(some) > 1 else some[0] for name, some in below.items()])
 
 
-def _motion(summary: RunSummary) -> str:
-    frames, topics = summary.frames, summary.sensors.motion_topics
-    if topics:
-        lost = f"; {n} could not be registered" if (n := frames.odometry_predicted) else ""
-        corrected = f"; for tracks, corrected from the clouds (small_gicp){lost}" if frames.odometry else ""
-        return f"{frames.compensated} of {frames.count} frames compensated, from {', '.join(topics)}{corrected}"
-    if not frames.odometry:
-        return NO_MOTION
-    found = f"for tracks only, from the clouds (small_gicp), {frames.odometry} of {frames.count} frames"
-    if not frames.odometry_predicted:
-        return found
-    return f"{found}; {frames.odometry_predicted} could not be registered and keep the last velocity"
-
-
-def _boxes3d(summary: RunSummary) -> str:
-    source = _source_of_boxes3d(summary.sensors.box_source_3d, summary.sensors.rig)
-    missing = summary.frames.without_boxes3d
-    return f"{source}; {missing} of {summary.frames.count} frames have none" if missing else source
-
-
-def _source_of_boxes3d(source: str, rig: Rig) -> str:
+def source_of_boxes3d(source: str, rig: Rig) -> str:
+    """The source of 3D boxes in words."""
     words = ENGINES[source].words
-    return f"{words} from {_listed([one.topic for one in rig.detectors])}" if source == "recorded" else words
+    return f"{words} from {listed([one.topic for one in rig.detectors])}" if source == "recorded" else words
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """The first names in a line, and how many more there are."""
     more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
     return f"{', '.join(names[:MAX_LISTED])}{more}"
-
-
-def _confirmed(summary: RunSummary) -> str:
-    confirmed = f"{summary.frames.confirmed} of {sum(summary.frames.objects.values())} objects by a camera"
-    if summary.sensors.box_source == "none" or not summary.frames.without_boxes:
-        return confirmed
-    return f"{confirmed}; {summary.frames.without_boxes} of {summary.frames.count} frames have no 2D boxes"
 
 
 def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", *, every_topic: bool = False) -> None:
     """Print the contents of a recording: the verdict first; topics that would not be used in one line."""
     seconds = (inspection.end_ns - inspection.start_ns) / 1e9
     files = ", ".join(map(str, inspection.files))
-    _print_advice(out, inspection.box_words[1])
+    if advice := inspection.box_words[1]:
+        show_line(out, advice, "bold yellow")
     show_line(out, f"{files}: {inspection.messages} messages, {seconds:.2f} s")
     if verdict:
         show_line(out, f"verdict: {verdict}", "bold")
@@ -271,11 +153,11 @@ def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", 
     unused = () if every_topic else _unused(inspection)
     show_table(out, topics_table([topic for topic in inspection.topics if topic not in unused]))
     if unused:
-        show_line(out, f"other topics, listed with -v: {_below_one_name(topic.topic for topic in unused)}")
+        show_line(out, f"other topics, listed with -v: {below_one_name(topic.topic for topic in unused)}")
     if inspection.stop_ns is not None:
         looked_s = (inspection.stop_ns - inspection.start_ns) / 1e9
         show_line(out, f"only the first {looked_s:g} s were examined, but for the counts: the files are on a server")
-    _print_losses(out, inspection.losses)
+    print_losses(out, inspection.losses)
     out.print()
     if inspection.rig is None:
         if not verdict:
@@ -283,12 +165,12 @@ def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", 
         return
     show_line(out, f"site frame: {inspection.rig.site_frame}")
     show_table(out, sensors_table(inspection.sensors))
-    _print_remarks(out, inspection.faults, inspection.notes)
+    print_remarks(out, inspection.faults, inspection.notes)
     show_line(out, f"motion: {', '.join(inspection.motion_topics) or NO_MOTION}")
-    show_line(out, f"3D boxes: {_source_of_boxes3d(inspection.box_source_3d, inspection.rig)}")
+    show_line(out, f"3D boxes: {source_of_boxes3d(inspection.box_source_3d, inspection.rig)}")
     show_line(out, f"2D boxes: {inspection.box_words[0]}")
     show_line(out, f"settings: {inspection.settings}")
-    _print_warnings(out, inspection.warnings)
+    print_warnings(out, inspection.warnings)
 
 
 def _unused(inspection: "Inspection") -> "Sequence[TopicSurvey]":
@@ -303,7 +185,7 @@ def _unused(inspection: "Inspection") -> "Sequence[TopicSurvey]":
     ]
 
 
-def _print_losses(out: Console, losses: Sequence[Loss]) -> None:
+def print_losses(out: Console, losses: Sequence[Loss]) -> None:
     """The table of damaged parts, if there are any."""
     if not losses:
         return
@@ -318,13 +200,15 @@ def _print_losses(out: Console, losses: Sequence[Loss]) -> None:
         show_line(out, f"  and {len(losses) - MAX_LOSSES} more parts; --json lists all")
 
 
-def _print_remarks(out: Console, faults: Sequence[SensorFault], notes: Sequence[str]) -> None:
+def print_remarks(out: Console, faults: Sequence[SensorFault], notes: Sequence[str]) -> None:
+    """Print the sensors that were left out, and the notes."""
     for fault in faults:
         show_line(out, f"left out: {fault.subject}: {fault.reason}")
     for note in notes:
         show_line(out, f"note: {note}")
 
 
-def _print_warnings(out: Console, warnings: Sequence[RunWarning]) -> None:
+def print_warnings(out: Console, warnings: Sequence[RunWarning]) -> None:
+    """Print warnings."""
     for warning in warnings:
         show_line(out, f"warning: {warning}", "yellow")

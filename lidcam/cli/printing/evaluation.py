@@ -26,18 +26,20 @@ AT_50 = ("pedestrian", "bicycle")
 Tree = Mapping[str, Any]
 
 
-def print_evaluation(out: Console, evaluation: Evaluation) -> None:
-    """Print an evaluation."""
+def print_evaluation(out: Console, evaluation: Evaluation, *, everything: bool = False) -> None:
+    """Print an evaluation: the headlines and a table of the result by class, or all tables."""
     tree: Tree = evaluation.figures.tree
     show_line(out, _subject(tree, evaluation))
     for headline in headlines(tree):
         show_line(out, headline, "bold")
-    for table, explanation in (*truth_tables(tree), *own_tables(tree)):
-        out.print()
+    tables = (*truth_tables(tree), *own_tables(tree)) if everything else _short_tables(tree)
+    for table, explanation in tables:
+        if everything:
+            out.print()
         show_table(out, table)
         for line in explanation:
             show_line(out, line, "dim")
-    if (skew_ms := tree["sync"]["skew_mean_ms"]) is not None:
+    if everything and (skew_ms := tree["sync"]["skew_mean_ms"]) is not None:
         out.print()
         show_line(out, f"sync skew: mean {skew_ms:.1f} ms, max {tree['sync']['skew_max_ms']:.1f} ms")
     if evaluation.outcomes:
@@ -47,6 +49,33 @@ def print_evaluation(out: Console, evaluation: Evaluation) -> None:
         show_line(out, f"note: {note}")
     for warning in evaluation.warnings:
         show_line(out, f"warning: {warning}", "yellow")
+
+
+def _short_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
+    """The figures of the result by class, of classes that have ground truth; without that, its chains."""
+    sources: Tree = tree["sources"]
+    source = [*sources][-1] if sources else ""
+    if not tree["frames_with_truth"] or not source or not sources[source][ALL]["truth"]:
+        yield from own_tables(tree)
+        return
+    tracks = tree["tracking"].get(source, {})
+    shown = {
+        name: {**figures, **tracks.get(name, {})}
+        for name, figures in _with_shown_ap(sources[source]).items()
+        if figures["truth"]
+    }
+    if len(shown) == 2:  # the figures of the only class are those of all
+        shown.pop(ALL, None)
+    overlap = _overlap(sources[source][ALL], wanted="70")
+    low = _overlap(sources[source][ALL], wanted="50")
+    table = _figures_table("", (source,), shown.items(), SHORT_COLUMNS if tracks else SHORT_COLUMNS[:-2])
+    yield (
+        table,
+        (
+            f"AP at an IoU of {overlap} % ({' and '.join(AT_50)}: {low} %); position (m), heading (degrees): mean "
+            "errors. --all: every source, errors, tracks, worst errors",
+        ),
+    )
 
 
 def _subject(tree: Tree, evaluation: Evaluation) -> str:
@@ -177,6 +206,17 @@ MOTION = (
     "speed, yaw/s: RMS errors over ground. flips: moving objects whose heading is off by more than 90 degrees. NEES: "
     "normalised squared position error; 2 on average if the covariance is right. in 95 %: inside the 95 % ellipse; "
     "pred.: predicted ones only. false: tracks that mostly match nothing; lasting: their mean duration, seconds.",
+)
+SHORT_COLUMNS: Columns = (
+    ("truth", "truth", str),
+    ("recall", "recall", share),
+    ("prec.", "precision", share),
+    ("AP bev", AP_BEV, share),
+    ("AP 3D", AP_3D, share),
+    ("position", "errors.position_bev_m.mean", _digits(2)),
+    ("heading", "errors.heading_deg.mean", _digits(1)),
+    ("HOTA", "hota", share),
+    ("IDF1", "idf1", share),
 )
 CHAIN_COLUMNS: Columns = (
     ("objects/frame", "objects.per_frame_mean", _digits(1)),

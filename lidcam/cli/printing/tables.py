@@ -77,16 +77,16 @@ def objects_table(objects: Mapping[tuple[str, str], int], zones: Sequence[str], 
 
 
 def road_users_table(users: RoadUsers, zones: Sequence[str]) -> Table:
-    """Number and speed of road users by class and, with zones, by zone and over the whole site."""
+    """Road users, and how fast those went that moved, by class and, with zones, by zone and over the whole site."""
     names = ("class", "zone") if zones else ("class",)
     rows: list[list[object]] = []
     last = ""
     for one in users.counts:
         name, last = "" if one.class_name == last else one.class_name, one.class_name
         speeds = speed_text(one.speed_mean_m_s), speed_text(one.speed_max_m_s)
-        rows.append([name, *([one.zone or "all"] if zones else []), one.count, *speeds])
-    rows = rows or [["none", *([""] if zones else []), 0]]
-    return rows_table("road users", [*names, "number", "mean m/s", "max m/s"], rows, names)
+        rows.append([name, *([one.zone or "all"] if zones else []), one.count, one.moved, *speeds])
+    rows = rows or [["none", *([""] if zones else []), 0, 0]]
+    return rows_table("road users", [*names, "number", "moved", "mean m/s", "max m/s"], rows, names)
 
 
 def speed_text(speed_m_s: float) -> str:

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Iterable
 from io import StringIO
-from typing import Any
+from typing import Any, Literal
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.highlighter import JSONHighlighter
@@ -36,8 +36,9 @@ class _Console(Console):
 
 
 def console(*, stderr: bool = False) -> Console:
-    """A console without markup, which names of topics may look like, and without wrapping."""
-    return _Console(stderr=stderr, soft_wrap=True, markup=False, emoji=False)
+    """A console without markup, which names of topics may look like, and without wrapping; plain with NO_COLOR."""
+    colors: Literal["auto"] | None = None if os.environ.get("NO_COLOR") else "auto"
+    return _Console(stderr=stderr, soft_wrap=True, markup=False, emoji=False, color_system=colors)
 
 
 def printed_html(show: Callable[[Console], None]) -> str:

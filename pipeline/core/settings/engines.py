@@ -30,14 +30,14 @@ class Engine3D:
 ENGINES: dict[str, Engine3D] = {
     "cluster": Engine3D(
         "lidcam.pipeline.detectors.cluster.detector:ClusterDetector",
-        "by clusters of points",
+        "clustering",
         scores_are_probabilities=False,
         boxes_are_completed=True,
     ),
-    "pillars": Engine3D("lidcam.pipeline.detectors.pillars.detector:FittedPillarDetector", "by a network"),
+    "pillars": Engine3D("lidcam.pipeline.detectors.pillars.detector:FittedPillarDetector", "network"),
     "combined": Engine3D(
         "lidcam.pipeline.detectors.combined:CombinedDetector",
-        "by a network and clusters",
+        "network and clustering",
         boxes_are_completed=True,
     ),
     "recorded": Engine3D("", "recorded"),

@@ -36,7 +36,9 @@ def told(frames: list[FrameResult], *, has_2d_boxes: bool = False) -> list[str]:
 def test_what_is_likely_and_hardly_reported_is_told() -> None:
     likely = [seen([CAR, PEDESTRIAN, PEDESTRIAN], [0.9, 0.3, 0.45], [0])] * 10
     (warning,) = told([*likely, seen([PEDESTRIAN], [0.8], [0])])
-    assert "pedestrian: 20 boxes have a probability of 0.2 to 0.5, below fuse.min_score; reported: 1" in warning
+    assert warning == (
+        "fuse.min_score: 20 pedestrian boxes are below it, with 0.2 to 0.5; 2D boxes tell which are right (--model-2d)"
+    )
     assert told(likely, has_2d_boxes=True) == []
 
 

@@ -92,7 +92,7 @@ def test_what_was_fetched_is_used_where_no_boxes_are_recorded(server: RangeServe
         assert done.code == 0, done.err
         return done.out
 
-    advice = "The cameras are not used: no 2D network. Type `lidcam fetch yolox-nano`, then run this command again.\n"
+    advice = "The cameras are not used. Type `lidcam fetch yolox-nano`, then run this again.\n"
     assert run(tmp_path / "i.bag").startswith(advice)
     assert called(tmp_path, "inspect", "i.bag").out.startswith(advice)
     assert "The cameras" not in run(SANDBOX)
@@ -100,7 +100,7 @@ def test_what_was_fetched_is_used_where_no_boxes_are_recorded(server: RangeServe
     path = network_path(Path(NAME))
     path.parent.mkdir(parents=True)
     path.write_bytes(server.files["/yolox_nano.onnx"])
-    assert "by the 2D network yolox-nano\n" in run(tmp_path / "i.bag")
+    assert "2D boxes: network yolox-nano\n" in run(tmp_path / "i.bag")
     with open_result(tmp_path / "o.mcap") as result:
         assert result.config.detect2d.model == Path(NAME)
         assert result.metadata["network.sha256"] == NETWORKS[NAME].sha256

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tracked_frames import Seen, tracked_frame
 
 from lidcam.pipeline.core.rig import Rig, Zone
-from lidcam.pipeline.evaluation.road_users import RoadUserCount, RoadUsers, RoadUserTally
+from lidcam.pipeline.evaluation.road_users import MIN_MOVING_SPEED_M_S, RoadUserCount, RoadUsers, RoadUserTally
 from lidcam.run.tally import Tally
 
 SQUARE = np.array([[-10.0, 0.0], [10.0, 0.0], [10.0, 10.0], [-10.0, 10.0]])
@@ -46,7 +46,7 @@ def test_a_run_counts_them_with_all_else() -> None:
     assert tally.objects == {("car", "north"): 2}
     users = tally.road_users.road_users
     assert users is not None
-    assert users.counts[-1] == RoadUserCount("car", "", 1, 3.0, 3.0)
+    assert users.counts[-1] == RoadUserCount("car", "", 1, 1, 0, 3.0, 3.0)
 
 
 def test_what_is_of_no_class_or_no_track_is_no_road_user() -> None:
@@ -80,7 +80,8 @@ def test_a_plain_count_agrees(frames: list[tuple[Seen, ...]]) -> None:
         for place in (NORTH, SOUTH, OUTSIDE, None):
             speeds = [one.speed_m_s for one in track if place in (one.y, None)]
             if speeds:
-                means[name, place].append((sum(speeds) / len(speeds), max(speeds)))
+                fastest = max(one.speed_m_s for one in track)
+                means[name, place].append(((sum(speeds) / len(speeds), max(speeds)), fastest))
         zones = [one.y for one in track if one.y != OUTSIDE]
         if zones and zones[0] != zones[-1]:
             went[name, zones[0], zones[-1]] += 1
@@ -92,9 +93,13 @@ def test_a_plain_count_agrees(frames: list[tuple[Seen, ...]]) -> None:
     found = {(count.class_name, places[count.zone]): count for count in users.counts}
     assert found.keys() == means.keys()
     for key, count in found.items():
-        assert count.count == len(means[key])
-        assert count.speed_mean_m_s == pytest.approx(np.mean([mean for mean, _ in means[key]]))
-        assert count.speed_max_m_s == max(highest for _, highest in means[key])
+        moved = [speeds for speeds, fastest in means[key] if fastest >= MIN_MOVING_SPEED_M_S]
+        assert (count.count, count.moved, count.stood) == (len(means[key]), len(moved), len(means[key]) - len(moved))
+        if moved:
+            assert count.speed_mean_m_s == pytest.approx(np.mean([mean for mean, _ in moved]))
+            assert count.speed_max_m_s == max(highest for _, highest in moved)
+        else:
+            assert np.isnan([count.speed_mean_m_s, count.speed_max_m_s]).all()
     changes = {(one.class_name, places[one.from_zone], places[one.to_zone]): one.count for one in users.changes}
     assert changes == went
 
@@ -107,9 +112,9 @@ def test_speeds_that_are_not_known_are_in_no_mean() -> None:
     np.testing.assert_array_equal(tally.table.speed_means, [3.0, np.nan])
     np.testing.assert_array_equal(tally.table.speed_maxima, [4.0, np.nan])
     assert tally.road_users is not None
-    assert [(one.count, one.speed_mean_m_s, one.speed_max_m_s) for one in tally.road_users.counts if not one.zone] == [
-        (2, 3.0, 4.0)
-    ]
+    (whole,) = (one for one in tally.road_users.counts if not one.zone)
+    assert whole == RoadUserCount("car", "", 2, 1, 0, 3.0, 4.0)
+    assert (tally.table.moved.tolist(), tally.table.stood.tolist()) == ([True, False], [False, False])
     none = RoadUserTally(CONFIG, ZONED)
     none.add_objects(0, np.zeros(1, np.int32), centers[:1], numbers[:1], np.array([np.nan]))
     assert none.road_users is not None

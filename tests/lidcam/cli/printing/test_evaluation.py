@@ -47,7 +47,12 @@ def frames(
 
 
 def printed(
-    measured: list[EvaluationFrame], *, requirements: Sequence[str] = (), warnings: Sequence[str] = (), **evaluate: Any
+    measured: list[EvaluationFrame],
+    *,
+    requirements: Sequence[str] = (),
+    warnings: Sequence[str] = (),
+    everything: bool = True,
+    **evaluate: Any,
 ) -> str:
     config = Config.model_validate({"evaluate": {"bootstrap": 100, **evaluate}})
     figures = NamedFigures(measure(measured, evaluators_of(config, RIG)))
@@ -65,8 +70,16 @@ def printed(
     out = console()
     with StringIO() as text:
         out.file = text
-        print_evaluation(out, evaluation)
+        print_evaluation(out, evaluation, everything=everything)
         return text.getvalue()
+
+
+def test_the_short_table_is_of_the_result_alone() -> None:
+    lines = printed(frames(lidar=[], fused=[CAR_AT], truth=[CAR_AT], count=20), everything=False).splitlines()
+    assert lines[3].split() == ["fused", "truth", "recall", "prec.", "AP", "bev", "AP", "3D", "position", "heading"]
+    assert [line.split()[:4] for line in lines[4:-2]] == [["car", "20", "1.00", "1.00"]]
+    assert lines[-2].startswith("AP at an IoU of 70 % (pedestrian and bicycle: 50 %)")
+    assert len(lines) <= 12
 
 
 OVER = "lidar alone, seen from above"

@@ -1,5 +1,6 @@
 from io import StringIO
 
+import numpy as np
 import pytest
 from rich.console import Console, RenderableType
 
@@ -47,10 +48,10 @@ def test_few_objects(objects: dict[tuple[str, str], int], zones: list[str], fram
 
 USERS = RoadUsers(
     (
-        RoadUserCount("car", "north", 12, 8.25, 13.94),
-        RoadUserCount("car", "outside", 1, 0.0, 0.04),
-        RoadUserCount("car", "", 12, 8.0, 13.94),
-        RoadUserCount("pedestrian", "", 3, 1.31, 2.0),
+        RoadUserCount("car", "north", 12, 11, 1, 8.25, 13.94),
+        RoadUserCount("car", "outside", 1, 0, 1, np.nan, np.nan),
+        RoadUserCount("car", "", 12, 11, 1, 8.0, 13.94),
+        RoadUserCount("pedestrian", "", 3, 2, 0, 1.31, 2.0),
     ),
     (),
 )
@@ -59,11 +60,11 @@ USERS = RoadUsers(
 def test_road_users_by_zone() -> None:
     assert text(road_users_table(USERS, ["north", "south"])) == [
         "road users",
-        "class       zone     number  mean m/s  max m/s",
-        "car         north        12       8.2     13.9",
-        "            outside       1       0.0      0.0",
-        "            all          12       8.0     13.9",
-        "pedestrian  all           3       1.3      2.0",
+        "class       zone     number  moved  mean m/s  max m/s",
+        "car         north        12     11       8.2     13.9",
+        "            outside       1      0",
+        "            all          12     11       8.0     13.9",
+        "pedestrian  all           3      2       1.3      2.0",
     ]
 
 

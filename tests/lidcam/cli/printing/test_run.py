@@ -1,0 +1,78 @@
+"""The dozen lines after a run."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from summaries import changed, printed, sound_summary
+
+from lidcam.cli.printing.numbers import Units
+from lidcam.pipeline.evaluation.road_users import RoadUserCount, RoadUsers
+from lidcam.run.missing import MissingSensor
+from lidcam.run.summary import DropCount, RunSummary
+from lidcam.run.warning import RunWarning
+
+CARS = RoadUserCount("car", "", 7, 3, 2, 10.0, 20.0)
+PARKED = RoadUserCount("truck", "", 2, 0, 2, np.nan, np.nan)
+DROP = DropCount("/image", "no partner within 0.05 s", 3, "")
+
+
+def short(units: Units = "km/h", **changes: object) -> list[str]:
+    summary: RunSummary = replace(sound_summary(), **changes)  # type: ignore[arg-type]
+    return printed(summary, details=False, units=units).splitlines()
+
+
+@pytest.mark.parametrize(
+    ("units", "mean", "highest"), [("km/h", "36.0", "72.0"), ("m/s", "10.0", "20.0"), ("mph", "22.4", "44.7")]
+)
+def test_who_moved_and_who_stood(units: Units, mean: str, highest: str) -> None:
+    header, cars, trucks = short(units, road_users=RoadUsers((CARS, PARKED), ()))[2:5]
+    assert header.startswith(f"road users  moved  stood  brief  mean {units}  max {units}")
+    assert cars.split() == ["car", "3", "2", "2", mean, highest, "0", "0"]
+    assert trucks.split() == ["truck", "0", "2", "0", "0", "0"], "no speeds of what stands"
+
+
+def test_road_users_by_zone() -> None:
+    users = RoadUsers((replace(CARS, zone="circle", count=4), replace(CARS, moved=5)), ())
+    header, cars = short(road_users=users)[2:4]
+    assert header.split()[-2:] == ["intersection", "circle"]
+    assert "brief" not in header
+    assert cars.split()[-2:] == ["0", "4"]
+
+
+def test_without_tracks_and_without_any() -> None:
+    assert short(road_users=None)[2] == "objects per frame: car 2.0"
+    assert short(road_users=RoadUsers((), ()))[2] == "no road users"
+
+
+def test_sound_runs_take_a_dozen_lines() -> None:
+    many = [replace(CARS, class_name=name) for name in ("car", "pedestrian", "bicycle", "truck", "bus")]
+    lines = short(
+        road_users=RoadUsers(tuple(many), ()), outputs=(Path("o.mcap"), Path("o.rrd"), Path("o.foxglove.json"))
+    )
+    assert len(lines) <= 12
+    assert lines[-2:] == [
+        "wrote o.mcap, o.rrd, o.foxglove.json",
+        "to look at it: lidcam view o.rrd; open o.mcap in Foxglove, layout o.foxglove.json",
+    ]
+
+
+def test_what_was_dropped_and_what_is_missing() -> None:
+    summary = changed(
+        sound_summary(),
+        drops={"messages": (DROP, replace(DROP, topic="/points", unit="parts"))},
+        sensors={"missing": (MissingSensor("cam", "/image", 2, 4, ()),)},
+    )
+    text = printed(summary, details=False)
+    assert "dropped: 3 messages of /image: no partner within 0.05 s\n" in text
+    assert "/points" not in text, "parts of messages that were used"
+    assert f"missing from {summary.frames.count} frames: cam in 2; -v says when" in text
+    both = changed(summary, drops={"messages": (DROP, replace(DROP, topic="/other"))})
+    assert "dropped: 6 messages of 2 topics: no partner within 0.05 s\n" in printed(both, details=False)
+
+
+def test_the_first_warnings_and_the_last() -> None:
+    warnings = [RunWarning(f"sensor {n}", "is late", "wait") for n in range(5)]
+    text = printed(replace(sound_summary(), warnings=tuple(warnings)), details=False)
+    assert "sensor 1: is late; wait\nand 2 more warnings, with -v\nwarning: sensor 4: is late; wait" in text
