@@ -43,6 +43,7 @@ class JobRecord:
     outputs: Mapping[str, WrittenFile] | None = None
     frames: Count = 0  # Number of frames
     objects: Mapping[str, Count] | None = None  # Fused objects of all frames, by class
+    road_users: Mapping[str, Count] | None = None  # Road users by class; None where nothing is tracked
     dropped: Count = 0  # Messages that were not used
     skew_max_ms: Number | None = None  # Largest spread of the stamps in a frame; None without frames
     lacking: Mapping[str, Count] | None = None  # Frames without a sensor that was recorded, by sensor
@@ -53,6 +54,7 @@ class JobRecord:
     settings: str = ""  # Name of the settings
     settings_sha256: str = ""  # Checksum of the settings that affect the result
     version: str = ""  # Version of lidcam
+    reused: bool = False  # Whether the results of an earlier batch are up to date; never so in a file
 
     def is_current(self, key: str) -> bool:
         """Whether there were results, which are up to date if nobody has changed them."""
@@ -84,6 +86,7 @@ def with_outputs(record: JobRecord, places: Sequence[Location]) -> JobRecord:
 def with_summary(record: JobRecord, summary: RunSummary) -> JobRecord:
     """The record of a job that has ended with this summary."""
     state: State = "incomplete" if summary.incomplete else "done"
+    users = summary.road_users
     objects: Counter[str] = Counter()
     for (class_name, _), count in summary.frames.objects.items():
         objects[class_name] += count
@@ -94,6 +97,7 @@ def with_summary(record: JobRecord, summary: RunSummary) -> JobRecord:
         message="; ".join(summary.incomplete),
         frames=summary.frames.count,
         objects=dict(sorted(objects.items())),
+        road_users=None if users is None else {one.class_name: one.count for one in users.counts if not one.zone},
         dropped=sum(drop.count for drop in summary.drops.messages),
         skew_max_ms=summary.frames.skew_max_ms,
         lacking={sensor.sensor: sensor.frames for sensor in summary.sensors.missing},

@@ -89,7 +89,7 @@ def _done(job: BatchJob, options: BatchOptions, store: Store, facts: Sequence[ob
             if known is not None and known.is_current(begun.key) and not options.job.overwrite:
                 outputs = known.outputs or {}
                 if all(name in outputs and store.files.written(name, outputs[name]) == outputs[name] for name in names):
-                    return replace(known, input=begun.input)
+                    return replace(known, input=begun.input, reused=True)
                 logger.warning("%s: a result is missing or was changed: it is processed again", job.name)
             if lock is None:
                 return replace(begun, state="busy", message="another batch is processing it")

@@ -22,6 +22,7 @@ SCHEMA = pa.schema(
         ("message", pa.string()),
         ("frames", pa.int64()),
         ("objects", pa.list_(pa.struct([("class", pa.string()), ("count", pa.int64())]))),
+        ("road_users", pa.list_(pa.struct([("class", pa.string()), ("count", pa.int64())]))),
         ("dropped", pa.int64()),
         ("skew_max_ms", pa.float64()),
         ("lacking", pa.list_(pa.struct([("sensor", pa.string()), ("frames", pa.int64())]))),
@@ -43,6 +44,7 @@ def records_table(records: Sequence[JobRecord]) -> bytes:
             **asdict(one),
             "recording": one.name,
             "objects": [{"class": name, "count": count} for name, count in (one.objects or {}).items()],
+            "road_users": [{"class": name, "count": count} for name, count in (one.road_users or {}).items()],
             "lacking": [{"sensor": name, "frames": count} for name, count in (one.lacking or {}).items()],
         }
         for one in records

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Unpack
 import typer
 
 from lidcam.cli.options import AsJson, with_job_options, with_log_options
-from lidcam.cli.printing.log import remark_log
+from lidcam.cli.printing.log import is_verbose, remark_log
 from lidcam.cli.verdict import Verdict
 from lidcam.readers.location import location
 from lidcam.run.options import JobOptions
@@ -125,7 +125,7 @@ def batch(
     if as_json:
         show_json(console(), {"jobs": [asdict(record) for record in records]})
     else:
-        print_batch(console(), records)
+        print_batch(console(), records, everything=is_verbose())
     store.keep_table(records_table(records))
     remark_log.info("wrote %s/%s", str(place).rstrip("/"), TABLE)
     _verdict(records, len(found)).end()

@@ -1,6 +1,7 @@
 """`lidcam batch`: results beside those of `lidcam process`, a table of all, and a second run that does nothing."""
 
 import json
+import re
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -36,7 +37,10 @@ def test_a_batch_makes_what_single_runs_make(lidcam: Lidcam, logs: Path, tmp_pat
     assert pq.read_table(out / "day" / "drive.parquet").num_columns > 10
     assert (out / "day" / "drive_matches").is_dir()
     before = (out / "day" / "drive.mcap").stat().st_mtime_ns
-    assert lidcam("batch", logs, "--out", out, *SHORT, "--objects", "--save-matches", "--every", 2).code == 1
+    again = lidcam("batch", logs, "--out", out, *SHORT, "--objects", "--save-matches", "--every", 2)
+    assert again.code == 1
+    assert re.search(r"^day/drive +up to date +2 ", again.out, re.MULTILINE)
+    assert again.out.splitlines()[-1] == "1 failed, 1 up to date; 2 frames; road users: 1 car"
     assert (out / "day" / "drive.mcap").stat().st_mtime_ns == before
 
 

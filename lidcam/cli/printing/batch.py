@@ -1,5 +1,6 @@
 """Printing of `lidcam batch`: a progress bar and the table of recordings."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
@@ -7,8 +8,12 @@ from rich.console import Console
 
 from lidcam.batch.jobs import BatchJob
 from lidcam.batch.records import JobRecord
+from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.progress import show_share
 from lidcam.cli.printing.tables import ColumnsTable
+
+MAX_ROWS = 30
+"""Maximum number of recordings that all have a row."""
 
 MAX_MESSAGE = 100
 """Characters of a message in the printed table; the file has all of it."""
@@ -29,15 +34,32 @@ def shown_batch(jobs: Sequence[BatchJob]) -> Iterator[Callable[[JobRecord], None
         yield told
 
 
-def print_batch(out: Console, records: Sequence[JobRecord]) -> None:
-    """Print a row for each recording."""
+def print_batch(out: Console, records: Sequence[JobRecord], *, everything: bool = False) -> None:
+    """Print a row for each recording, of many only for those that did not end well, and the totals."""
+    shown = [one for one in records if one.state != "done"] if len(records) > MAX_ROWS and not everything else records
     table = ColumnsTable(
-        "recordings", "recording", "state", "frames", "objects", "dropped", "s", "MiB", "message",
+        "", "recording", "state", "frames", "road users", "dropped", "s", "MiB", "message",
         text_columns=("state", "message"),
     )  # fmt: skip
-    for one in records:
-        objects = str(sum((one.objects or {}).values()))
-        figures = (str(one.frames), objects, str(one.dropped)) if one.state != "failed" else ("", "", "")
+    for one in shown:
+        users = "" if one.road_users is None else str(sum(one.road_users.values()))
+        figures = (str(one.frames), users, str(one.dropped)) if one.state != "failed" else ("", "", "")
         message = one.message if len(one.message) <= MAX_MESSAGE else f"{one.message[:MAX_MESSAGE].rstrip()} ..."
-        table.add_row(one.name, one.state, *figures, f"{one.wall_s:.1f}", f"{one.peak_mib:.0f}", message)
-    out.print(table)
+        table.add_row(one.name, _state(one), *figures, f"{one.wall_s:.1f}", f"{one.peak_mib:.0f}", message)
+    if shown:
+        show_table(out, table)
+    show_line(out, _totals(records), "bold")
+
+
+def _state(record: JobRecord) -> str:
+    return "up to date" if record.reused and record.state == "done" else record.state
+
+
+def _totals(records: Sequence[JobRecord]) -> str:
+    """How the jobs ended, and what all results hold together."""
+    states, users = Counter(map(_state, records)), Counter[str]()
+    for one in records:
+        users.update(one.road_users or {})
+    ended = ", ".join(f"{states[name]} {name}" for name in sorted(states))
+    found = f"; road users: {', '.join(f'{count} {name}' for name, count in sorted(users.items()))}" if users else ""
+    return f"{ended}; {sum(one.frames for one in records)} frames{found}"
