@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from lidcam.cli.groups import GroupedCommand
 from lidcam.cli.options import AsJson, with_log_options
 from lidcam.cli.printing.escaping import visible_lines
 
@@ -26,7 +27,7 @@ config_app = typer.Typer(
 )
 
 
-@config_app.command("list")
+@config_app.command("list", cls=GroupedCommand)
 @with_log_options
 def config_list(as_json: AsJson = False) -> None:
     """List the presets."""
@@ -41,7 +42,7 @@ def config_list(as_json: AsJson = False) -> None:
     show_line(console(), "Without --config, the recording decides: see the line `settings` of the final table.")
 
 
-@config_app.command("show")
+@config_app.command("show", cls=GroupedCommand)
 @with_log_options
 def config_show(
     name: Annotated[str, typer.Argument(metavar="PRESET|FILE", help="sandbox, crossing, road, or a YAML file.")],
@@ -63,7 +64,7 @@ def config_show(
     console().print(Text(visible_lines(text.replace("\r\n", "\n"))), end="", soft_wrap=True)
 
 
-@config_app.command("explain")
+@config_app.command("explain", cls=GroupedCommand)
 @with_log_options
 def config_explain(
     key: Annotated[str, typer.Argument(metavar="KEY", help="A setting or a section. Default: list the sections.")] = "",

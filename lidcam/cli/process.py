@@ -2,6 +2,7 @@
 
 import logging
 import os
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -22,13 +23,13 @@ from lidcam.cli.options import (
     with_job_options,
     with_log_options,
 )
-from lidcam.cli.printing.log import is_verbose, remark_log
+from lidcam.cli.printing.log import is_verbose
 from lidcam.cli.printing.numbers import Units
 from lidcam.cli.verdict import Verdict, strict_failure
 from lidcam.outputs.registry import endings_of
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES
-from lidcam.readers.location import Location, location, recording_stem
+from lidcam.readers.location import ENDINGS, Location, location, recording_stem
 from lidcam.run.options import JobOptions
 
 if TYPE_CHECKING:
@@ -157,8 +158,6 @@ def process(
 
             required = read_requirements(requirements)
         job = make_job(inputs, sending.local, **options)
-        if job.foxglove is not None:
-            remark_log.info("in Foxglove: Open connection, ws://%s:%d", *job.foxglove)
         run_process(
             job,
             detections=print_detections,
@@ -192,6 +191,19 @@ def _places(paths: Sequence[str], out: str | None) -> "tuple[list[Location], Any
     return inputs, last, None
 
 
+def _check_single(folder: Path) -> None:
+    """Check that a folder is one recording: a ROS 2 bag, not recordings of several formats or names."""
+    if not folder.is_dir() or (folder / "metadata.yaml").exists():
+        return
+    names = sorted(path.name for path in folder.iterdir() if path.name.lower().endswith(ENDINGS))
+    stems = {re.sub(r"_\d+$", "", recording_stem(name)) for name in names}
+    if len(stems) > 1 or any(name.endswith(".bag") for name in names):
+        raise typer.BadParameter(
+            f"{folder} holds {len(names)} recordings; process all of them: lidcam batch {folder} --out DIR",
+            param_hint="IN",
+        )
+
+
 def _folder(recording: Location) -> Path:
     """The folder for the result of a recording: beside it; of one on a server, in the working folder."""
     if isinstance(recording, Path):
@@ -201,6 +213,7 @@ def _folder(recording: Location) -> Path:
                 "name an output",
                 param_hint="IN",
             )
+        _check_single(recording)
         recording = recording.resolve() if recording.name in {"", ".."} else recording
     name = f"{recording_stem(recording.name)}.lidcam"
     return recording.with_name(name) if isinstance(recording, Path) else Path(name)

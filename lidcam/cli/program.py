@@ -10,6 +10,7 @@ import gc
 import io
 import logging
 import os
+import re
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -64,9 +65,26 @@ def _fail(*lines: str) -> NoReturn:
     sys.exit(FAILED)
 
 
+PHRASES = {
+    r"Value error, (.*) is not one of (.*)\.$": r"expected one of \2, found \1",
+    r"Input should be greater than or equal to (\S+)": r"expected at least \1",
+    r"Input should be a valid integer.*": "expected a whole number",
+    r"Input should be a valid number.*": "expected a number",
+    r"No such option: --(topics?|lidars?|cameras?)\b.*": (
+        "No such option: --set 'topics.lidars=[/points]' chooses topics of sensors, --copy-topics names others to copy"
+    ),
+    r"No such option: --(output|outdir|output-dir)\b.*": "No such option: -o DIR|FILE names the output",
+    r"\s*Choose from:\s*": " Choose from: ",
+    r",\n\t": ", ",
+}
+"""Messages of the parser of the command line, and what users read in their place."""
+
+
 def _print_usage_error(error: TyperException) -> None:
     """Print the usage of a command and what is wrong with its arguments, which are quoted and made visible."""
     message = error.format_message()
+    for pattern, words in PHRASES.items():
+        message = re.sub(pattern, words, message)
     if file := next((one for one in sys.argv[1:] if one[:1] == "-" and Path(one).is_file()), ""):
         message = f"{message.rstrip('.')}. There is a file {file}: write ./{file}"
     if not message.startswith("Usage: "):  # the whole help, where a command without arguments prints that

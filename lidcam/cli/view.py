@@ -53,4 +53,7 @@ def view(
         show_line(console(), f"{output.name}: {how}")
         show_line(console(), "Rerun opens it, too, but without the objects; use --rerun OUT.rrd for those.")
     else:
-        raise OutputError(f"{result}: expected a name that ends in .rrd, .html or .mcap")
+        raise OutputError(
+            f"{result}: expected a result of lidcam, which ends in .rrd, .html or .mcap; to process a recording: "
+            f"lidcam {result}"
+        )

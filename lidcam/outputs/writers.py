@@ -1,5 +1,6 @@
 """Opens the writers of a run's outputs; the rows of `OUTPUTS` name these functions."""
 
+import logging
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
@@ -120,4 +121,6 @@ def open_foxglove(opening: Opening) -> ResultWriter:
     assert opening.job.foxglove is not None
     title = ", ".join(known["name"] for known in opening.provenance.inputs) or "lidcam"
     source = opening.source
-    return FoxgloveServer(*opening.job.foxglove, title, source.rig, source.config, frames=source.truth_frames)
+    server = FoxgloveServer(*opening.job.foxglove, title, source.rig, source.config, frames=source.truth_frames)
+    logging.getLogger("lidcam.remarks").info("in Foxglove: Open connection, ws://%s:%d", *opening.job.foxglove)
+    return server

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from lidcam.cli.groups import GroupedCommand
 from lidcam.cli.options import ConfigFile, Overwrite, RigFile, Setting, ends_in, with_log_options
 from lidcam.cli.simulation.simulate import check_simulator
 from lidcam.pipeline.core.errors import ConfigError, LidcamError, OutputError
@@ -62,7 +63,7 @@ def _train() -> None:
     pass
 
 
-@train_app.command(epilog=CLUSTERS_EXAMPLES)
+@train_app.command(cls=GroupedCommand, epilog=CLUSTERS_EXAMPLES)
 @with_log_options
 def clusters(
     out: Annotated[
@@ -116,7 +117,7 @@ def clusters(
     typer.echo(trained.card)
 
 
-@train_app.command(epilog=PILLARS_EXAMPLES)
+@train_app.command(cls=GroupedCommand, epilog=PILLARS_EXAMPLES)
 @with_log_options
 def pillars(
     out: Annotated[
@@ -209,7 +210,7 @@ def pillars(
     typer.echo(text)
 
 
-@train_app.command(epilog=CONVERT_EXAMPLES)
+@train_app.command(cls=GroupedCommand, epilog=CONVERT_EXAMPLES)
 @with_log_options
 def convert(
     network: Annotated[

@@ -132,6 +132,11 @@ class OnnxSession:
         except Exception as err:  # onnxruntime's errors have no base of their own
             if is_short_memory(err):
                 raise
+            if path.suffix in {".pt", ".pth"}:
+                raise ModelError(
+                    f"{path}: expected ONNX, found a PyTorch checkpoint; export it first: for Ultralytics, yolo "
+                    f"export model={path.name} format=onnx"
+                ) from err
             raise ModelError(f"{path}: expected an ONNX file that onnxruntime can load: {one_line(err)}") from err
         check_runs_on(self._provider, self._session.get_providers())
         self.inputs: list[Value] = [(value.name, value.shape, value.type) for value in self._session.get_inputs()]

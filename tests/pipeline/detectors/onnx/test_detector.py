@@ -152,3 +152,11 @@ def test_what_a_network_is_taken_for_is_logged(tmp_path: Path, caplog: pytest.Lo
     OnnxDetector2D(path, Detect2DConfig())
     assert "takes 96 x 64 px only: " in caplog.messages[-2]
     assert caplog.messages[-1] == f"{path}: yolox, 80 classes, images of 96 x 64 px"
+
+
+def test_a_checkpoint_of_pytorch_names_the_export(tmp_path: Path) -> None:
+    (tmp_path / "yolov8n.pt").write_bytes(b"PK\x03\x04")
+    with pytest.raises(
+        ModelError, match=r"found a PyTorch checkpoint; export it first: .*model=yolov8n\.pt format=onnx$"
+    ):
+        detector(tmp_path / "yolov8n.pt")
