@@ -20,8 +20,8 @@ from lidcam.pipeline.core.errors import LidcamError
 SECTOR = 512
 MAX_GROWTH_MIB = 400
 MAX_LINE_CHARACTERS = 5000
-WAL_PAGE_AT = 56
-"""A write-ahead log that ends before its first page says nothing, whatever its bytes are."""
+WAL_PAGE_END = 32 + 24 + 4096
+"""A write-ahead log that ends before its first page does says nothing, whatever its bytes are: headers and page."""
 
 ALL = frozenset(Seen._fields)
 UNCHECKED = {
@@ -59,7 +59,7 @@ def judge_altered(kind: str, chance: Random) -> tuple[Verdict, dict[str, bytes]]
     files = {**sound.files, name: content}
     with TemporaryDirectory(prefix="lidcam-damage-") as folder:
         verdict = judge(sound, write_files(Path(folder), sound, files), recovery)
-    is_cut = sound.files[name].startswith(content) or len(content) < WAL_PAGE_AT
+    is_cut = sound.files[name].startswith(content) or len(content) < WAL_PAGE_END
     if verdict.is_fault and name.endswith("-wal") and is_cut:
         verdict = Verdict("fewer commits of a write-ahead log that was cut, told as not closed", is_fault=False)
     said = f"{verdict.kind} [{kind}]" if verdict.is_fault else verdict.kind
