@@ -8,6 +8,7 @@ from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits, VelodyneConfig
 from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.compressed_cloud import COMPRESSED_CLOUDS, unpack_cloud
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.messages.image import COMPRESSED_IMAGE
 from lidcam.readers.messages.image_header import image_size
@@ -117,7 +118,8 @@ def _first_of(message: RawMessage, limits: RecordingLimits) -> _First:
         livox = parse_livox(message)
         none = replace(livox, points=livox.points[:0])
         return _First(none, livox.frame_id, (len(livox.points), 1), message.log_time_ns)
-    content = deserialize(message, limits=limits)
+    read = unpack_cloud if message.channel.msgtype in COMPRESSED_CLOUDS else deserialize
+    content = read(message, limits=limits)
     size = (int(content.width), int(content.height)) if hasattr(content, "width") else None
     if message.channel.msgtype in VIDEO:
         size = None  # known once an image of it is decoded

@@ -126,7 +126,8 @@ def find_sensors(
     elif detectors and not frames:
         site = _site_of_boxes([boxes_frame(topic, first) for topic in detectors], camera_frames, transforms)
     else:
-        site = _site_frame(list(frames.values()), camera_frames, transforms)
+        usable = [frames[name] for name in named]  # lidars whose messages can be decoded
+        site = _site_frame(usable or list(frames.values()), camera_frames, transforms)
     return FoundSensors(
         recording=recording,
         rig_file=rig_file,

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from lidcam.pipeline.core.geometry.transform_tree import TransformTree
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits, TopicsConfig
+from lidcam.readers.messages.compressed_cloud import COMPRESSED_CLOUDS
 from lidcam.readers.messages.registry import types_of
 from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.natural_order import natural_key
@@ -28,6 +29,9 @@ from lidcam.readers.video.packets import VIDEO
 
 CLOUD, IMAGE = types_of("cloud"), types_of("image")
 CAMERA_INFO, BOXES = types_of("camera info"), types_of("2D boxes")
+PACKETS = frozenset({SCAN})
+"""Types of sweeps of a lidar's packets."""
+
 MADE_OF_OTHERS = "/point_cloud_combined", "/ground_cloud"
 """Topics made of others, which are used only if no other topic of their kind was recorded."""
 
@@ -118,7 +122,7 @@ def find_lidar_topics(
     ]
     before = len(notes)
     chosen = _first_hand(measured, notes, _hand_of_cloud(measured, first, transforms))
-    chosen = _clouds_before_packets(chosen, first, notes)
+    chosen = _before_copies(chosen, first, notes)
     sources = cloud_sources(recording, chosen, first, transforms, limits)
     return _sensors(sources, "lidars", notes, was_choice=len(notes) > before)
 
@@ -264,18 +268,22 @@ def _sensors(sources: Mapping[str, str], kind: str, notes: list[str], *, was_cho
     return sensors
 
 
-def _clouds_before_packets(infos: Sequence[TopicInfo], first: FirstMessages, notes: list[str]) -> list[TopicInfo]:
-    """Without packets of a place or frame that has clouds: the driver made those with its own calibration."""
-    clouds = [info.topic for info in infos if info.msgtype != SCAN]
+def _before_copies(infos: Sequence[TopicInfo], first: FirstMessages, notes: list[str]) -> list[TopicInfo]:
+    """Without compressed copies, and without packets of a place or frame that has clouds.
+
+    The driver made those with its own calibration.
+    """
+    clouds = [info.topic for info in infos if info.msgtype not in PACKETS and info.msgtype not in COMPRESSED_CLOUDS]
     chosen: list[TopicInfo] = []
     for info in infos:
-        if info.msgtype == SCAN and clouds:
-            frame = first.frame(info.topic, CLOUD)
-            same = (t for t in clouds if place(t) == place(info.topic) or (frame and first.frame(t, CLOUD) == frame))
-            if cloud := next(same, ""):
-                notes.append(f"{info.topic}: packets of the same lidar as {cloud}, not used")
-                continue
-        chosen.append(info)
+        topic, frame, reason = info.topic, "", "compressed, the same clouds as"
+        if info.msgtype in PACKETS:
+            frame, reason = first.frame(topic, CLOUD), "packets of the same lidar as"
+        same = (t for t in clouds if place(t) == place(topic) or (frame and first.frame(t, CLOUD) == frame))
+        if topic not in clouds and (cloud := next(same, "")):
+            notes.append(f"{topic}: {reason} {cloud}, not used")
+        else:
+            chosen.append(info)
     return chosen
 
 
