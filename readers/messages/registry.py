@@ -29,6 +29,7 @@ TYPES: dict[str, MessageType] = {
     "draco_point_cloud_transport/msg/CompressedPointCloud2": MessageType("cloud", _COMPRESSED_CLOUD),
     "foxglove_msgs/msg/CompressedPointCloud": MessageType("cloud", _COMPRESSED_CLOUD),
     "velodyne_msgs/msg/VelodyneScan": MessageType("cloud", "lidcam.readers.velodyne.scan"),
+    "lidcam_msgs/msg/OusterSweep": MessageType("cloud", "lidcam.readers.ouster.decoder:decode_ouster"),
     "livox_interfaces/msg/CustomMsg": MessageType("cloud", "lidcam.readers.messages.livox:decode_livox"),
     "livox_ros_driver/msg/CustomMsg": MessageType("cloud", "lidcam.readers.messages.livox:decode_livox"),
     "livox_ros_driver2/msg/CustomMsg": MessageType("cloud", "lidcam.readers.messages.livox:decode_livox"),

@@ -14,6 +14,8 @@ from lidcam.readers.messages.image import COMPRESSED_IMAGE
 from lidcam.readers.messages.image_header import image_size
 from lidcam.readers.messages.livox import CUSTOM, parse_livox
 from lidcam.readers.messages.tf import clean_frame
+from lidcam.readers.ouster.decoder import decode_ouster
+from lidcam.readers.ouster.packets import SWEEP
 from lidcam.readers.recording import Recording
 from lidcam.readers.velodyne.decoder import VelodyneDecoders
 from lidcam.readers.velodyne.scan import SCAN
@@ -101,6 +103,8 @@ class FirstMessages:
             try:
                 if message.channel.msgtype == SCAN:  # the model may be unknown
                     self._velodyne[topic](message)
+                if message.channel.msgtype == SWEEP:  # its JSON may be another one's
+                    decode_ouster(message, limits=self._limits)
                 if message.channel.msgtype in VIDEO:
                     read_packet(message)
                 return _first_of(message, self._limits)
@@ -125,7 +129,8 @@ def _first_of(message: RawMessage, limits: RecordingLimits) -> _First:
         size = None  # known once an image of it is decoded
     elif message.channel.msgtype == COMPRESSED_IMAGE:
         size = image_size(content.data.tobytes())
-    if hasattr(content, "data"):
-        object.__setattr__(content, "data", ())
+    for large in ("data", "packets"):
+        if hasattr(content, large):
+            object.__setattr__(content, large, ())
     frame = clean_frame(getattr(content, "header", content).frame_id)
     return _First(content, frame, size, message.log_time_ns)

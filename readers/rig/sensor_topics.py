@@ -20,6 +20,7 @@ from lidcam.readers.messages.compressed_cloud import COMPRESSED_CLOUDS
 from lidcam.readers.messages.registry import types_of
 from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.natural_order import natural_key
+from lidcam.readers.ouster.packets import SWEEP
 from lidcam.readers.recording import Recording, TopicInfo
 from lidcam.readers.rig.derived import cloud_sources, image_sources, is_computed, is_measured, is_world_frame
 from lidcam.readers.rig.first_messages import FirstMessages
@@ -29,7 +30,7 @@ from lidcam.readers.video.packets import VIDEO
 
 CLOUD, IMAGE = types_of("cloud"), types_of("image")
 CAMERA_INFO, BOXES = types_of("camera info"), types_of("2D boxes")
-PACKETS = frozenset({SCAN})
+PACKETS = frozenset({SCAN, SWEEP})
 """Types of sweeps of a lidar's packets."""
 
 MADE_OF_OTHERS = "/point_cloud_combined", "/ground_cloud"
@@ -111,9 +112,9 @@ def find_lidar_topics(
     transforms = transforms or RecordedTransforms(TransformTree())
     if config.lidars is not None:
         return configured_topics(recording, config.lidars, CLOUD, "lidar", findings)
-    infos = _readable(topics_with_messages(recording, CLOUD, config), "lidar", findings)
+    recorded, notes = topics_with_messages(recording, CLOUD, config), findings.notes
+    infos = [info for info in recorded if not info.unreadable]
     measured = [info for info in infos if is_measured_image(info.topic)]
-    notes = findings.notes
     notes += [f"{info.topic}: not a lidar's by its name, not used" for info in infos if info not in measured]
     notes += [
         f"{info.topic}: {info.message_count} {info.gathered_from} gathered into sweeps"
@@ -122,7 +123,8 @@ def find_lidar_topics(
     ]
     before = len(notes)
     chosen = _first_hand(measured, notes, _hand_of_cloud(measured, first, transforms))
-    chosen = _before_copies(chosen, first, notes)
+    unreadable = [info for info in recorded if info.unreadable]
+    chosen = _readable(_before_copies([*chosen, *unreadable], first, notes), "lidar", findings)
     sources = cloud_sources(recording, chosen, first, transforms, limits)
     return _sensors(sources, "lidars", notes, was_choice=len(notes) > before)
 

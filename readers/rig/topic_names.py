@@ -66,7 +66,7 @@ def place(topic: str) -> tuple[str, ...]:
 
 
 def _parts(topic: str) -> tuple[str, ...]:
-    *spaces, last = [part for part in transport_free(topic).split("/") if part] or [""]
+    *spaces, last = [part for part in transport_free(topic).removesuffix("lidar_packets").split("/") if part] or [""]
     left = "_".join(word for word in last.split("_") if word.lower() not in ROLE_WORDS)
     return (*spaces, left) if left else tuple(spaces)
 
