@@ -1,12 +1,14 @@
 """Sweeps of Ouster packets; Ouster's own library, which makes points of whole frames, is the judge."""
 
 import sqlite3
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from builders import Encoding, pointcloud2, raw, tf_message, transform_stamped, write_mcap
+from captures import fragments, ip_packet, pcap
 from memory_recording import MemoryRecording
 from ouster_packets import (
     BOOT_NS,
@@ -37,7 +39,7 @@ from lidcam.readers.streams.per_sensor import sensor_messages
 PROFILES = ["LEGACY", "RNG19_RFL8_SIG16_NIR16", "RNG19_RFL8_SIG16_NIR16_DUAL", "RNG15_RFL8_NIR8"]
 
 
-def sweeps(messages: list[RawMessage], **window: int) -> list[RawMessage]:
+def sweeps(messages: list[RawMessage], **window: Any) -> list[RawMessage]:
     with sensor_messages(MemoryRecording(messages)) as recording:
         return [one for one in recording.messages(**window) if one.channel.msgtype == SWEEP]
 
@@ -180,6 +182,41 @@ def test_the_json_beside_a_recording_is_found_by_its_serial_number(tmp_path: Pat
     with sensor_messages(open_recording([tmp_path / "drive.mcap"])) as recording:
         [info] = recording.topics
     assert info.unreadable == "packets of an Ouster that drive_0.json beside the recording does not describe"
+
+
+def captured(text: str, turns: int = 2, port: int = 7502) -> list[tuple[int, bytes]]:
+    """What a sensor sends in some turns: each packet is too long for a frame of Ethernet."""
+    frames, number = list[tuple[int, bytes]](), 0
+    for turn in range(turns):
+        for data in packets(text, frame(text, turn, BOOT_NS + turn * TURN_NS)):
+            parts = fragments(ip_packet(data, "192.168.1.5", port, id=number % 0xFFFF))
+            frames += [(START_NS + number * 1_562_500 + index, part) for index, part in enumerate(parts)]
+            number += 1
+    return frames
+
+
+@needs_sdk
+@pytest.mark.parametrize("port", [7502, 7602])
+def test_captures(tmp_path: Path, port: int) -> None:
+    text = metadata(port=port)
+    frames = captured(text, port=port)
+    swapped = [*frames[3:0:-1], frames[0], *frames[4:-1]]  # fragments in any order, and one is missing
+    (tmp_path / "drive.json").write_text(text)
+    (tmp_path / "drive.pcap").write_bytes(pcap(swapped))
+    with sensor_messages(open_recording([tmp_path / "drive.pcap"])) as recording:
+        clouds = [decode_ouster(one) for one in recording.messages()]
+        topics = {info.topic: info.message_count for info in recording.topics}
+        rig = discover_rig(recording, Config()).rig
+    name = "ouster_192_168_1_5" + ("" if port == 7502 else "_7602")
+    assert topics == {f"/{name}/lidar_packets": 127, "/other_traffic/fragments": 8}
+    assert [(one.name, one.T_site_lidar.src) for one in rig.lidars] == [(name, "os_lidar")]
+    core = sensor.sdk()
+    source = import_module("ouster.sdk").open_source(str(tmp_path / "drive.pcap"), meta=[str(tmp_path / "drive.json")])
+    judges = [one for frame_set in source for one in frame_set if one is not None]
+    assert len(clouds) == len(judges) == 2
+    for cloud, judge in zip(clouds, judges, strict=True):
+        assert isinstance(judge, core.LidarFrame)
+        same(cloud, judged(text, judge))
 
 
 @needs_sdk
