@@ -25,6 +25,7 @@ _COMPRESSED_CLOUD = "lidcam.readers.messages.compressed_cloud:decode_compressed_
 
 TYPES: dict[str, MessageType] = {
     "sensor_msgs/msg/PointCloud2": MessageType("cloud", "lidcam.readers.messages.pointcloud2:decode_pointcloud2"),
+    "sensor_msgs/msg/PointCloud": MessageType("cloud", "lidcam.readers.messages.pointcloud:decode_pointcloud"),
     "point_cloud_interfaces/msg/CompressedPointCloud2": MessageType("cloud", _COMPRESSED_CLOUD),
     "draco_point_cloud_transport/msg/CompressedPointCloud2": MessageType("cloud", _COMPRESSED_CLOUD),
     "foxglove_msgs/msg/CompressedPointCloud": MessageType("cloud", _COMPRESSED_CLOUD),

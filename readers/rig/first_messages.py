@@ -1,6 +1,6 @@
 """The first message of each topic that can be decoded, which has the sensor's frame and the size of its images."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -13,6 +13,7 @@ from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.messages.image import COMPRESSED_IMAGE
 from lidcam.readers.messages.image_header import image_size
 from lidcam.readers.messages.livox import CUSTOM, parse_livox
+from lidcam.readers.messages.pointcloud import POINT_CLOUD, read_pointcloud
 from lidcam.readers.messages.tf import clean_frame
 from lidcam.readers.ouster.decoder import decode_ouster
 from lidcam.readers.ouster.packets import SWEEP
@@ -122,7 +123,11 @@ def _first_of(message: RawMessage, limits: RecordingLimits) -> _First:
         livox = parse_livox(message)
         none = replace(livox, points=livox.points[:0])
         return _First(none, livox.frame_id, (len(livox.points), 1), message.log_time_ns)
-    read = unpack_cloud if message.channel.msgtype in COMPRESSED_CLOUDS else deserialize
+    read: Callable[..., Any] = deserialize
+    if message.channel.msgtype in COMPRESSED_CLOUDS:
+        read = unpack_cloud
+    elif message.channel.msgtype == POINT_CLOUD:  # points of which each would be an object
+        read = read_pointcloud
     content = read(message, limits=limits)
     size = (int(content.width), int(content.height)) if hasattr(content, "width") else None
     if message.channel.msgtype in VIDEO:

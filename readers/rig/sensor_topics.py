@@ -25,6 +25,7 @@ from lidcam.readers.recording import Recording, TopicInfo
 from lidcam.readers.rig.derived import cloud_sources, image_sources, is_computed, is_measured, is_world_frame
 from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.rig.topic_names import is_measured_image, is_truth, pair_score, place, transport_free
+from lidcam.readers.rig.undecoded import undecoded
 from lidcam.readers.velodyne.scan import SCAN
 from lidcam.readers.video.packets import VIDEO
 
@@ -121,6 +122,8 @@ def find_lidar_topics(
         for info in infos
         if info.gathered_from
     ]
+    excluded = config.exclude
+    notes += undecoded(one for one in recording.topics if not any(fnmatchcase(one.topic, name) for name in excluded))
     before = len(notes)
     chosen = _first_hand(measured, notes, _hand_of_cloud(measured, first, transforms))
     unreadable = [info for info in recorded if info.unreadable]
