@@ -47,7 +47,7 @@ def find_description(recording: Recording, topic: str) -> str:
         raise MessageError(f"packets of an Ouster that {names} beside the recording does not describe")
     path = next(iter(recording.paths), Path("recording"))
     raise MessageError(
-        f"packets of an Ouster without its JSON: record {own}, too, or put the JSON (ouster-cli, or "
+        f"packets of an Ouster without its JSON, which ouster-ros publishes on {own}: put it (from "
         f"http://SENSOR/api/v1/sensor/metadata) beside the recording as {Path(path.name).stem}.json"
     )
 

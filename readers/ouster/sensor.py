@@ -16,6 +16,8 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, I64
 from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.messages import MAX_TIME_NS
+from lidcam.pipeline.core.text import one_line
 
 MAX_METADATA_CHARACTERS = 1 << 18
 
@@ -65,7 +67,8 @@ def sensor_of(metadata: str) -> "OusterSensor":
         columns, rows = int(info.format.columns_per_frame), int(info.format.pixels_per_column)
         return OusterSensor(info, packets, columns, rows, 1e9 / (columns * int(info.format.fps)))
     except (RuntimeError, ValueError, ZeroDivisionError) as err:
-        raise MessageError(f"expected the JSON of an Ouster, found {len(metadata)} characters ({err})") from err
+        reason = one_line(err, max_characters=200)
+        raise MessageError(f"expected the JSON of an Ouster, found {len(metadata)} characters ({reason})") from err
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +109,7 @@ class OusterSensor:
         decides which comes nearer to the time of recording.
 
         Raises:
-            MessageError: none of the packet's columns is valid.
+            MessageError: none of the packet's columns is valid, or their times are none.
         """
         core, buffer = sdk(), np.frombuffer(packet, np.uint8)
         status, numbers, times = (
@@ -118,6 +121,8 @@ class OusterSensor:
             raise MessageError("a packet without a valid column")
         since_ns = round(int(numbers[valid[0]]) * self.column_ns)
         begin_ns = int(times[valid[0]]) - since_ns
+        if begin_ns > MAX_TIME_NS:
+            raise MessageError(f"a packet whose clock says {begin_ns} ns")
         if begin_ns < SET_CLOCK_NS:
             return received_ns - since_ns, begin_ns
         is_ptp = getattr(self.info.config.timestamp_mode, "name", "") == PTP

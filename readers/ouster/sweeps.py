@@ -59,7 +59,7 @@ class OusterSweep:
         for packet, packet_ns in zip(packets, received_ns, strict=True):
             try:
                 stamp_ns, begin_ns = self._sensor.times_ns(packet, packet_ns)
-            except MessageError:  # a part of the turn that the lidar does not measure
+            except MessageError:  # of a part of the turn that the lidar does not measure, or damaged
                 continue
             data = sweep_data(stamp_ns, begin_ns, self._frame_id, self._metadata, packets)
             return RawMessage(stamp_ns, log_time_ns, order, data, self._channel, defects=defects)

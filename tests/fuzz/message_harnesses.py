@@ -43,6 +43,7 @@ from lidcam.readers.messages.diagnostics import decode_diagnostics
 from lidcam.readers.messages.image import decode_any_image
 from lidcam.readers.messages.livox import decode_livox
 from lidcam.readers.messages.objects.tracks import decode_tracks
+from lidcam.readers.messages.pointcloud import decode_pointcloud
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 from lidcam.readers.messages.tf import decode_odometry, decode_transforms, read_transforms
 from lidcam.readers.messages.to_ros2 import to_ros2
@@ -107,8 +108,9 @@ def _of_messages(msgtype: str, decode: Callable[[RawMessage], Any], fields: Call
     return Harness(run, seeds)
 
 
-CLOUD, COMPRESSED_CLOUD, LIVOX, IMAGE, COMPRESSED, INFO, TF, ODOMETRY, BOXES, OBJECTS, STATUS, SCAN = (
+CLOUD, OLD_CLOUD, COMPRESSED_CLOUD, LIVOX, IMAGE, COMPRESSED, INFO, TF, ODOMETRY, BOXES, OBJECTS, STATUS, SCAN = (
     "sensor_msgs/msg/PointCloud2",
+    "sensor_msgs/msg/PointCloud",
     "point_cloud_interfaces/msg/CompressedPointCloud2",
     "livox_ros_driver/msg/CustomMsg",
     "sensor_msgs/msg/Image",
@@ -331,6 +333,11 @@ def _compressed_clouds() -> list[Fields]:
     return [{**plain, "format": name, "compressed_data": np.frombuffer(one, np.uint8)} for name, one in packed.items()]
 
 
+def _old_cloud() -> Fields:
+    channels = [{"name": "intensity", "values": np.ones(2, np.float32)}]
+    return {"header": header(T0, "laser"), "points": [{"x": 1.0}, {"y": 1.0}], "channels": channels}
+
+
 def _livox(count: int) -> Fields:
     points = [{"offset_time": 1000 * index, "x": 1.0 * index, "line": index} for index in range(count)]
     return {"header": header(T0, "livox"), "timebase": T0, "point_num": count, "points": points}
@@ -350,6 +357,7 @@ def _track_seeds() -> list[bytes]:
 
 MESSAGES: dict[str, Harness] = {
     "pointcloud2": _of_messages(CLOUD, partial(decode_pointcloud2, limits=LIMITS), _clouds),
+    "pointcloud": _of_messages(OLD_CLOUD, partial(decode_pointcloud, limits=LIMITS), lambda: [_old_cloud()]),
     "compressed_cloud": _of_messages(
         COMPRESSED_CLOUD, partial(decode_compressed_cloud, limits=LIMITS), _compressed_clouds
     ),

@@ -1,6 +1,7 @@
 """Sweeps of Ouster packets; Ouster's own library, which makes points of whole frames, is the judge."""
 
 import sqlite3
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -146,6 +147,21 @@ def test_damaged_and_hostile_sweeps() -> None:
         assert "expected the JSON of an Ouster" in found
 
 
+@needs_sdk
+@pytest.mark.parametrize("profile", PROFILES)
+def test_any_bytes_are_counted_or_decoded(profile: str) -> None:
+    text, chance = metadata(profile), np.random.default_rng(0)
+    sent = packets(text, frame(text))[::8]
+    for _ in range(40):
+        damaged = [bytearray(one) for one in sent]
+        for one in damaged:
+            for at in chance.integers(0, 64, 4):
+                one[at] = int(chance.integers(256))
+        for sweep in sweeps([description(text), *recorded([bytes(one) for one in damaged])]):
+            with suppress(MessageError):
+                assert np.isfinite(decode_ouster(sweep).xyz).all()
+
+
 def discover_fault(messages: list[RawMessage]) -> str:
     """Why the Ouster beside another lidar is left out."""
     other = raw("/other", "sensor_msgs/msg/PointCloud2", pointcloud2(np.eye(3), stamp_ns=START_NS), START_NS)
@@ -156,7 +172,7 @@ def discover_fault(messages: list[RawMessage]) -> str:
 @needs_sdk
 def test_packets_without_their_json_are_left_out_with_a_line() -> None:
     messages = drive(metadata(), 1)[1:]
-    assert "without its JSON: record /ouster/metadata, too, or put the JSON" in discover_fault(messages)
+    assert "without its JSON, which ouster-ros publishes on /ouster/metadata: put it" in discover_fault(messages)
 
 
 def test_without_ousters_library_a_lidar_is_left_out_with_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
