@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -55,11 +56,12 @@ def find_description(recording: Recording, topic: str) -> str:
 def descriptions_beside(paths: Sequence[Location]) -> Iterator[tuple[Path, str]]:
     """The JSON files beside a recording that begin with its name, and their texts, in the order of names."""
     for path in paths:
-        if not isinstance(path, Path) or not path.parent.is_dir():
+        if not isinstance(path, Path):
             continue
         for file in sorted(path.parent.glob("*.json")):
-            if file.name.startswith(path.stem) and file.stat().st_size <= MAX_METADATA_CHARACTERS:
-                yield file, file.read_text(encoding="utf-8", errors="replace")
+            with suppress(OSError):  # who may not read it cannot use it
+                if file.name.startswith(path.stem) and file.stat().st_size <= MAX_METADATA_CHARACTERS:
+                    yield file, file.read_text(encoding="utf-8", errors="replace")
 
 
 def ports(path: Location) -> frozenset[int]:

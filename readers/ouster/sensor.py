@@ -65,8 +65,8 @@ def sensor_of(metadata: str) -> "OusterSensor":
         info = sdk().SensorInfo(metadata)
         packets = sdk().PacketFormat(info)
         columns, rows = int(info.format.columns_per_frame), int(info.format.pixels_per_column)
-        return OusterSensor(info, packets, columns, rows, 1e9 / (columns * int(info.format.fps)))
-    except (RuntimeError, ValueError, ZeroDivisionError) as err:
+        return OusterSensor(metadata, info, packets, columns, rows, 1e9 / (columns * int(info.format.fps)))
+    except (RuntimeError, ValueError, LookupError, ArithmeticError) as err:
         reason = one_line(err, max_characters=200)
         raise MessageError(f"expected the JSON of an Ouster, found {len(metadata)} characters ({reason})") from err
 
@@ -75,6 +75,7 @@ def sensor_of(metadata: str) -> "OusterSensor":
 class OusterSensor:
     """What one lidar measures in a turn, and how it sends it."""
 
+    metadata: str  # Its JSON
     info: Any  # `SensorInfo`
     packets: Any  # `PacketFormat`
     columns: int  # Measurements in a turn
@@ -132,7 +133,7 @@ class OusterSensor:
     @cached_property
     def _lut(self) -> Any:
         """Makes points of ranges, in the lidar's own frame."""
-        info = sdk().SensorInfo(self.info.to_json_string())
+        info = sdk().SensorInfo(self.metadata)
         info.lidar_to_sensor_transform = np.eye(4)
         return sdk().XYZLut(info)
 
