@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,9 @@ from lidcam.readers.recording import Recording
 
 DATA_PORT = 7502
 """Port to which Ousters send by default."""
+
+PROBED = 20
+"""Packets that are compared with a JSON: the first may be damaged, or not the lidar's."""
 
 
 def find_description(recording: Recording, topic: str) -> str:
@@ -34,15 +38,13 @@ def find_description(recording: Recording, topic: str) -> str:
         found = str(deserialize(message).data)
         sensor_of(found)
         return found
-    first = next(iter(recording.messages([topic])), None)
     files = list(descriptions_beside(recording.paths))
-    for _, text in files:
-        try:
-            sensor = sensor_of(text)
-            if first is not None and sensor.sends(packet_data(first, sensor.packet_bytes)):
-                return text
-        except MessageError:
-            continue
+    for message in islice(recording.messages([topic]) if files else (), PROBED):
+        for _, text in files:
+            with suppress(MessageError):
+                sensor = sensor_of(text)
+                if sensor.sends(packet_data(message, sensor.packet_bytes)):
+                    return text
     if files:
         names = ", ".join(file.name for file, _ in files)
         raise MessageError(f"packets of an Ouster that {names} beside the recording does not describe")
@@ -54,13 +56,17 @@ def find_description(recording: Recording, topic: str) -> str:
 
 
 def descriptions_beside(paths: Sequence[Location]) -> Iterator[tuple[Path, str]]:
-    """The JSON files beside a recording that begin with its name, and their texts, in the order of names."""
+    """The JSON files beside a recording whose names begin alike, and their texts, in the order of names.
+
+    `drive.json` and `drive_0.json` are beside `drive.pcap`, `os1.json` beside `os1_city.pcap`.
+    """
     for path in paths:
         if not isinstance(path, Path):
             continue
         for file in sorted(path.parent.glob("*.json")):
             with suppress(OSError):  # who may not read it cannot use it
-                if file.name.startswith(path.stem) and file.stat().st_size <= MAX_METADATA_CHARACTERS:
+                is_named = file.name.startswith(path.stem) or path.name.startswith(file.stem)
+                if is_named and file.stat().st_size <= MAX_METADATA_CHARACTERS:
                     yield file, file.read_text(encoding="utf-8", errors="replace")
 
 

@@ -36,7 +36,7 @@ from lidcam.readers.recording import RosVersion, TopicInfo, merge_topics
 from lidcam.readers.velodyne.scan import PACKET, PACKET_BYTES, packet_channel, packet_message_data
 
 DATA_PORT = 2368
-POSITION_BYTES = 554
+POSITION_BYTES, OUSTER_IMU_BYTES = 554, 48
 
 MAX_LIDARS = 64
 """Packets of more senders are not read."""
@@ -99,7 +99,7 @@ class PcapFile(Container):
     def _add(self, packet: Datagram, time_ns: int) -> str:
         """Index a packet; returns why it is not read, empty if it is."""
         size = sum(size for _, size in packet.pieces)
-        is_ouster = size != PACKET_BYTES and packet.port in self._ouster_ports
+        is_ouster = size not in {PACKET_BYTES, OUSTER_IMU_BYTES} and packet.port in self._ouster_ports
         if size != PACKET_BYTES and not is_ouster:
             return POSITION if size == POSITION_BYTES else OTHER_SIZE
         if time_ns < 0:

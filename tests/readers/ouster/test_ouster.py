@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from builders import Encoding, pointcloud2, raw, tf_message, transform_stamped, write_mcap
-from captures import fragments, ip_packet, pcap
+from captures import ethernet, fragments, ip_packet, pcap
 from memory_recording import MemoryRecording
 from ouster_packets import (
     BOOT_NS,
@@ -218,13 +218,16 @@ def test_captures(tmp_path: Path, port: int) -> None:
     frames = captured(text, port=port)
     swapped = [*frames[3:0:-1], frames[0], *frames[4:-1]]  # fragments in any order, and one is missing
     (tmp_path / "drive.json").write_text(text)
-    (tmp_path / "drive.pcap").write_bytes(pcap(swapped))
+    foreign = [
+        (START_NS - 2, ethernet(ip_packet(bytes(size), "192.168.1.5", port))) for size in (48, 200)
+    ]  # IMU, damage
+    (tmp_path / "drive.pcap").write_bytes(pcap([*foreign, *swapped]))
     with sensor_messages(open_recording([tmp_path / "drive.pcap"])) as recording:
         clouds = [decode_ouster(one) for one in recording.messages()]
         topics = {info.topic: info.message_count for info in recording.topics}
         rig = discover_rig(recording, Config()).rig
     name = "ouster_192_168_1_5" + ("" if port == 7502 else "_7602")
-    assert topics == {f"/{name}/lidar_packets": 127, "/other_traffic/fragments": 8}
+    assert topics == {f"/{name}/lidar_packets": 128, "/other_traffic/fragments": 8, "/other_traffic/other_size": 1}
     assert [(one.name, one.T_site_lidar.src) for one in rig.lidars] == [(name, "os_lidar")]
     core = sensor.sdk()
     source = import_module("ouster.sdk").open_source(str(tmp_path / "drive.pcap"), meta=[str(tmp_path / "drive.json")])
