@@ -338,8 +338,8 @@ def _other_kind(magic: bytes) -> str:
     """What a file is that is taken for a recording, and what to do; empty if its first bytes do not say."""
     if magic[8:12] == OSF_MARK:
         return (
-            "an Ouster recording (OSF); save it as a .pcap with `ouster-cli`, play that with ouster-ros, and record "
-            "the clouds"
+            "an Ouster recording (OSF); save it as a .pcap with `ouster-cli source FILE.osf save FILE.pcap`, and read "
+            "that, with the JSON that is saved beside it"
         )
     return next((words for start, words in OTHER_KINDS.items() if magic.startswith(start)), "")
 

@@ -119,6 +119,19 @@ def _compressed_video(fields: Fields, stamp_ns: int) -> Any:
     return ROS2.new("foxglove_msgs/msg/CompressedVideo", timestamp=ROS2.time(stamp_ns), data=_data(fields), **known)
 
 
+def _compressed_cloud(fields: Fields, stamp_ns: int) -> Any:
+    pose = fields.get("pose", {})
+    placed = ROS2.pose(_numbers(pose.get("position", {}), "xyz"), _rotation(pose.get("orientation", {})))
+    known = _known(fields, frame_id="", format="")
+    return ROS2.new(
+        "foxglove_msgs/msg/CompressedPointCloud",
+        timestamp=ROS2.time(stamp_ns),
+        pose=placed,
+        data=_data(fields),
+        **known,
+    )
+
+
 def _camera_calibration(fields: Fields, stamp_ns: int) -> Any:
     return ROS2.camera_info(
         stamp_ns,
@@ -188,6 +201,7 @@ _SCHEMAS: dict[str, tuple[str, Callable[[Fields, int], Any]]] = {
     "foxglove.RawImage": ("sensor_msgs/msg/Image", _raw_image),
     "foxglove.CompressedImage": ("sensor_msgs/msg/CompressedImage", _compressed_image),
     "foxglove.CompressedVideo": ("foxglove_msgs/msg/CompressedVideo", _compressed_video),
+    "foxglove.CompressedPointCloud": ("foxglove_msgs/msg/CompressedPointCloud", _compressed_cloud),
     "foxglove.CameraCalibration": ("sensor_msgs/msg/CameraInfo", _camera_calibration),
     "foxglove.FrameTransform": ("tf2_msgs/msg/TFMessage", _frame_transform),
     "foxglove.FrameTransforms": ("tf2_msgs/msg/TFMessage", _frame_transforms),

@@ -85,7 +85,7 @@ def decode_livox(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMIT
     """
     found = parse_livox(message)
     points = found.points
-    check_points(str(len(points)), len(points), message.topic, limits, others)
+    check_points(len(points), message.topic, limits, others)
     columns = {str(name): np.ascontiguousarray(points[name])[None] for name in points.dtype.names or ()}
     begin_ns = found.timebase_ns - message.stamp_ns
     columns["offset_time"] = columns["offset_time"].astype(np.int64) + begin_ns * (abs(begin_ns) <= MAX_OFFSET_NS)

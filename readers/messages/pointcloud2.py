@@ -55,17 +55,17 @@ def decode_pointcloud2(message: RawMessage, *, limits: RecordingLimits = DEFAULT
             are more points than `limits` allow.
     """
     cloud = deserialize_as(message, "sensor_msgs/msg/PointCloud2", limits=limits)
-    height, width = int(cloud.height), int(cloud.width)
-    check_points(f"{height} x {width}", height * width, message.topic, limits, others)
-    return cloud_of_columns(message, clean_frame(cloud.header.frame_id), _columns(cloud, height, width, message.topic))
+    check_points(int(cloud.width), message.topic, limits, others, rows=int(cloud.height))
+    return cloud_of_fields(message, cloud)
 
 
-def check_points(shape: str, count: int, topic: str, limits: RecordingLimits, others: int) -> None:
+def check_points(width: int, topic: str, limits: RecordingLimits, others: int, *, rows: int = 1) -> None:
     """Check the number of points of a cloud beside the `others` of its frame.
 
     Raises:
         MessageError: there are more than `limits` allow.
     """
+    shape, count = f"{rows} x {width}", rows * width
     if count > limits.max_points:
         raise MessageError(f"{topic}: {shape} points, expected at most {limits.max_points}: raise limit_scale")
     if others + count > limits.max_frame_points:
@@ -73,6 +73,12 @@ def check_points(shape: str, count: int, topic: str, limits: RecordingLimits, ot
             f"{topic}: {shape} points, and {others} in other clouds of the frame, expected at most "
             f"{limits.max_frame_points} in all: raise limit_scale"
         )
+
+
+def cloud_of_fields(message: RawMessage, cloud: Any) -> PointCloud:
+    """The cloud of a message from a PointCloud2, whose points were counted; see `decode_pointcloud2`."""
+    columns = _columns(cloud, int(cloud.height), int(cloud.width), message.topic)
+    return cloud_of_columns(message, clean_frame(cloud.header.frame_id), columns)
 
 
 def cloud_of_columns(message: RawMessage, frame_id: str, columns: dict[str, Array]) -> PointCloud:

@@ -21,9 +21,16 @@ class MessageType(NamedTuple):
     decoder: str  # `module:function`; the module alone where no function of a message is enough, as for videos
 
 
+_COMPRESSED_CLOUD = "lidcam.readers.messages.compressed_cloud:decode_compressed_cloud"
+
 TYPES: dict[str, MessageType] = {
     "sensor_msgs/msg/PointCloud2": MessageType("cloud", "lidcam.readers.messages.pointcloud2:decode_pointcloud2"),
+    "sensor_msgs/msg/PointCloud": MessageType("cloud", "lidcam.readers.messages.pointcloud:decode_pointcloud"),
+    "point_cloud_interfaces/msg/CompressedPointCloud2": MessageType("cloud", _COMPRESSED_CLOUD),
+    "draco_point_cloud_transport/msg/CompressedPointCloud2": MessageType("cloud", _COMPRESSED_CLOUD),
+    "foxglove_msgs/msg/CompressedPointCloud": MessageType("cloud", _COMPRESSED_CLOUD),
     "velodyne_msgs/msg/VelodyneScan": MessageType("cloud", "lidcam.readers.velodyne.scan"),
+    "lidcam_msgs/msg/OusterSweep": MessageType("cloud", "lidcam.readers.ouster.decoder:decode_ouster"),
     "livox_interfaces/msg/CustomMsg": MessageType("cloud", "lidcam.readers.messages.livox:decode_livox"),
     "livox_ros_driver/msg/CustomMsg": MessageType("cloud", "lidcam.readers.messages.livox:decode_livox"),
     "livox_ros_driver2/msg/CustomMsg": MessageType("cloud", "lidcam.readers.messages.livox:decode_livox"),

@@ -139,6 +139,8 @@ def _check_site_is_named(found: FoundSensors) -> None:
 
 def _no_lidar(faults: Sequence[SensorFault], site: str) -> str:
     reasons = "; ".join(f"{fault.sensor} ({fault.topic}): {fault.reason}" for fault in faults)
+    if all("pip install" in fault.reason for fault in faults):
+        return f"no lidar is usable on this machine: {reasons}"
     if not site:  # none of them was recorded, so poses would not help
         return f"no lidar is usable in this recording: {reasons}; correct topics.lidars, or the lidars of the rig file"
     return (

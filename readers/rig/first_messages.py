@@ -1,6 +1,6 @@
 """The first message of each topic that can be decoded, which has the sensor's frame and the size of its images."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -8,11 +8,15 @@ from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits, VelodyneConfig
 from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.compressed_cloud import COMPRESSED_CLOUDS, unpack_cloud
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.messages.image import COMPRESSED_IMAGE
 from lidcam.readers.messages.image_header import image_size
 from lidcam.readers.messages.livox import CUSTOM, parse_livox
+from lidcam.readers.messages.pointcloud import POINT_CLOUD, read_pointcloud
 from lidcam.readers.messages.tf import clean_frame
+from lidcam.readers.ouster.decoder import decode_ouster
+from lidcam.readers.ouster.packets import SWEEP
 from lidcam.readers.recording import Recording
 from lidcam.readers.velodyne.decoder import VelodyneDecoders
 from lidcam.readers.velodyne.scan import SCAN
@@ -100,6 +104,8 @@ class FirstMessages:
             try:
                 if message.channel.msgtype == SCAN:  # the model may be unknown
                     self._velodyne[topic](message)
+                if message.channel.msgtype == SWEEP:  # its JSON may be another one's
+                    decode_ouster(message, limits=self._limits)
                 if message.channel.msgtype in VIDEO:
                     read_packet(message)
                 return _first_of(message, self._limits)
@@ -117,13 +123,19 @@ def _first_of(message: RawMessage, limits: RecordingLimits) -> _First:
         livox = parse_livox(message)
         none = replace(livox, points=livox.points[:0])
         return _First(none, livox.frame_id, (len(livox.points), 1), message.log_time_ns)
-    content = deserialize(message, limits=limits)
+    read: Callable[..., Any] = deserialize
+    if message.channel.msgtype in COMPRESSED_CLOUDS:
+        read = unpack_cloud
+    elif message.channel.msgtype == POINT_CLOUD:  # points of which each would be an object
+        read = read_pointcloud
+    content = read(message, limits=limits)
     size = (int(content.width), int(content.height)) if hasattr(content, "width") else None
     if message.channel.msgtype in VIDEO:
         size = None  # known once an image of it is decoded
     elif message.channel.msgtype == COMPRESSED_IMAGE:
         size = image_size(content.data.tobytes())
-    if hasattr(content, "data"):
-        object.__setattr__(content, "data", ())
+    for large in ("data", "packets"):
+        if hasattr(content, large):
+            object.__setattr__(content, large, ())
     frame = clean_frame(getattr(content, "header", content).frame_id)
     return _First(content, frame, size, message.log_time_ns)

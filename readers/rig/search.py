@@ -26,22 +26,12 @@ from lidcam.readers.rig.sensor_topics import (
     find_lidar_topics,
 )
 from lidcam.readers.rig.topic_names import place
+from lidcam.readers.rig.undecoded import undecoded
 
 BEYOND_SITE = frozenset({"earth", "utm"})
 """Frames with coordinates of millions of metres, in which float32 points would lose their centimetres."""
 
-RAW_LIDAR = frozenset(
-    {
-        "nebula_msgs/msg/NebulaPackets",
-        "ouster_ros/msg/PacketMsg",
-        "ouster_sensor_msgs/msg/PacketMsg",
-        "pandar_msgs/msg/PandarScan",
-        "rslidar_msg/msg/RslidarPacket",
-    }
-)
-"""Types of a lidar's raw data, which only its driver can turn into clouds."""
-
-CLOUD_TYPES = "sensor_msgs/PointCloud2, velodyne_msgs/VelodyneScan or Livox's CustomMsg"
+CLOUD_TYPES = "sensor_msgs/PointCloud2, packets of a Velodyne or an Ouster, or Livox's CustomMsg"
 """The types of `CLOUD` as users call them."""
 
 MAX_LISTED = 10
@@ -126,7 +116,8 @@ def find_sensors(
     elif detectors and not frames:
         site = _site_of_boxes([boxes_frame(topic, first) for topic in detectors], camera_frames, transforms)
     else:
-        site = _site_frame(list(frames.values()), camera_frames, transforms)
+        usable = [frames[name] for name in named]  # lidars whose messages can be decoded
+        site = _site_frame(usable or list(frames.values()), camera_frames, transforms)
     return FoundSensors(
         recording=recording,
         rig_file=rig_file,
@@ -239,11 +230,8 @@ def _no_clouds(recording: Recording, config: Config, of_detectors: Findings) -> 
             f"{expected}; found 3D boxes: {_listed(boxes)}; --set detect3d.method=recorded goes by the boxes of "
             "a detector"
         )
-    if raw := [info for info in recording.topics if info.msgtype in RAW_LIDAR]:
-        return (
-            f"{expected}; found {_listed(raw)}, which lidcam does not read yet: play the recording through the lidar's "
-            "driver and record the clouds that it publishes"
-        )
+    if lines := undecoded(recording.topics):
+        return f"{expected}; found {'; '.join(lines[:MAX_LISTED])}"
     there = any(info.msgtype in CLOUD for info in recording.topics)
     remedy = "see topics.exclude and topics.lidars of the settings" if there else "record the clouds of the driver, too"
     return f"{expected}; found topics: {_listed(recording.topics) or 'none'}; {remedy}"

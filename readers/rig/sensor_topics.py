@@ -16,18 +16,24 @@ from typing import NamedTuple
 
 from lidcam.pipeline.core.geometry.transform_tree import TransformTree
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits, TopicsConfig
+from lidcam.readers.messages.compressed_cloud import COMPRESSED_CLOUDS
 from lidcam.readers.messages.registry import types_of
 from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.natural_order import natural_key
+from lidcam.readers.ouster.packets import SWEEP
 from lidcam.readers.recording import Recording, TopicInfo
 from lidcam.readers.rig.derived import cloud_sources, image_sources, is_computed, is_measured, is_world_frame
 from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.rig.topic_names import is_measured_image, is_truth, pair_score, place, transport_free
+from lidcam.readers.rig.undecoded import undecoded
 from lidcam.readers.velodyne.scan import SCAN
 from lidcam.readers.video.packets import VIDEO
 
 CLOUD, IMAGE = types_of("cloud"), types_of("image")
 CAMERA_INFO, BOXES = types_of("camera info"), types_of("2D boxes")
+PACKETS = frozenset({SCAN, SWEEP})
+"""Types of sweeps of a lidar's packets."""
+
 MADE_OF_OTHERS = "/point_cloud_combined", "/ground_cloud"
 """Topics made of others, which are used only if no other topic of their kind was recorded."""
 
@@ -107,18 +113,21 @@ def find_lidar_topics(
     transforms = transforms or RecordedTransforms(TransformTree())
     if config.lidars is not None:
         return configured_topics(recording, config.lidars, CLOUD, "lidar", findings)
-    infos = _readable(topics_with_messages(recording, CLOUD, config), "lidar", findings)
+    recorded, notes = topics_with_messages(recording, CLOUD, config), findings.notes
+    infos = [info for info in recorded if not info.unreadable]
     measured = [info for info in infos if is_measured_image(info.topic)]
-    notes = findings.notes
     notes += [f"{info.topic}: not a lidar's by its name, not used" for info in infos if info not in measured]
     notes += [
         f"{info.topic}: {info.message_count} {info.gathered_from} gathered into sweeps"
         for info in infos
         if info.gathered_from
     ]
+    excluded = config.exclude
+    notes += undecoded(one for one in recording.topics if not any(fnmatchcase(one.topic, name) for name in excluded))
     before = len(notes)
     chosen = _first_hand(measured, notes, _hand_of_cloud(measured, first, transforms))
-    chosen = _clouds_before_packets(chosen, first, notes)
+    unreadable = [info for info in recorded if info.unreadable]
+    chosen = _readable(_before_copies([*chosen, *unreadable], first, notes), "lidar", findings)
     sources = cloud_sources(recording, chosen, first, transforms, limits)
     return _sensors(sources, "lidars", notes, was_choice=len(notes) > before)
 
@@ -264,18 +273,22 @@ def _sensors(sources: Mapping[str, str], kind: str, notes: list[str], *, was_cho
     return sensors
 
 
-def _clouds_before_packets(infos: Sequence[TopicInfo], first: FirstMessages, notes: list[str]) -> list[TopicInfo]:
-    """Without packets of a place or frame that has clouds: the driver made those with its own calibration."""
-    clouds = [info.topic for info in infos if info.msgtype != SCAN]
+def _before_copies(infos: Sequence[TopicInfo], first: FirstMessages, notes: list[str]) -> list[TopicInfo]:
+    """Without compressed copies, and without packets of a place or frame that has clouds.
+
+    The driver made those with its own calibration.
+    """
+    clouds = [info.topic for info in infos if info.msgtype not in PACKETS and info.msgtype not in COMPRESSED_CLOUDS]
     chosen: list[TopicInfo] = []
     for info in infos:
-        if info.msgtype == SCAN and clouds:
-            frame = first.frame(info.topic, CLOUD)
-            same = (t for t in clouds if place(t) == place(info.topic) or (frame and first.frame(t, CLOUD) == frame))
-            if cloud := next(same, ""):
-                notes.append(f"{info.topic}: packets of the same lidar as {cloud}, not used")
-                continue
-        chosen.append(info)
+        topic, frame, reason = info.topic, "", "compressed, the same clouds as"
+        if info.msgtype in PACKETS:
+            frame, reason = first.frame(topic, CLOUD), "packets of the same lidar as"
+        same = (t for t in clouds if place(t) == place(topic) or (frame and first.frame(t, CLOUD) == frame))
+        if topic not in clouds and (cloud := next(same, "")):
+            notes.append(f"{topic}: {reason} {cloud}, not used")
+        else:
+            chosen.append(info)
     return chosen
 
 

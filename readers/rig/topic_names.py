@@ -14,7 +14,7 @@ from itertools import chain, count, takewhile
 
 from lidcam.readers.natural_order import natural_key
 
-TRANSPORTS = frozenset({"compressed", "compressedDepth", "theora", "ffmpeg", "foxglove", "zstd"})
+TRANSPORTS = frozenset({"compressed", "compressedDepth", "draco", "ffmpeg", "foxglove", "theora", "zlib", "zstd"})
 ROLE_WORDS = frozenset(
     {
         *("image", "img", "images", "raw", "color", "colour", "rgb", "bgr", "mono", "rect", "rectified"),
@@ -44,7 +44,7 @@ def is_truth(topic: str, msgtype: str) -> bool:
 
 
 def transport_free(topic: str) -> str:
-    """The topic without image_transport's last part: `/camera/image_raw/compressed` is `/camera/image_raw`."""
+    """The topic without the last part of image_transport and point_cloud_transport: `/points/draco` is `/points`."""
     head, _, tail = topic.rpartition("/")
     return head if tail in TRANSPORTS and head else topic
 
@@ -66,7 +66,7 @@ def place(topic: str) -> tuple[str, ...]:
 
 
 def _parts(topic: str) -> tuple[str, ...]:
-    *spaces, last = [part for part in transport_free(topic).split("/") if part] or [""]
+    *spaces, last = [part for part in transport_free(topic).removesuffix("lidar_packets").split("/") if part] or [""]
     left = "_".join(word for word in last.split("_") if word.lower() not in ROLE_WORDS)
     return (*spaces, left) if left else tuple(spaces)
 

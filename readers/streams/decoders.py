@@ -73,6 +73,10 @@ class CloudDecoder:
             cloud, drops = self._velodyne[message.topic].decode(message)
         else:
             cloud = decode_as("cloud", message, limits=self._limits, others=others)
+            drops = tuple(
+                Drop(message.topic, message.stamp_ns, "packets that cannot be decoded", fault, 1)
+                for fault in message.defects
+            )
         return cloud if cloud.frame_id else replace(cloud, frame_id=self._frames[message.topic]), drops
 
 

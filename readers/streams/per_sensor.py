@@ -5,13 +5,14 @@ each part becomes a message with its own stamp. The predecessor system recorded 
 camera`) and msgs/ListPointCloud (`sensor_msgs/PointCloud2[] pointcloud`). Part `n` (from 1) of field `camera` of
 `/camera_msgs_combined` has the topic `/camera_msgs_combined/camera_n`: the index in the list identifies the sensor.
 
-Foxglove's schemas become ROS types (see `foxglove`), and packets of Velodynes become sweeps (see `sweeps`). All other
-messages pass unchanged. Video is decoded later (see `video`); without PyAV its topics cannot be read.
+Foxglove's schemas become ROS types (see `foxglove`), and packets of Velodynes and Ousters become sweeps (see `sweeps`).
+All other messages pass unchanged. Video is decoded later (see `video`); without PyAV its topics cannot be read.
 """
 
 import re
-from collections.abc import Collection, Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 
 from rosbags.interfaces import Nodetype
@@ -23,9 +24,14 @@ from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize, typestore_for
 from lidcam.readers.messages.foxglove import ROS_TYPES, ros_channel, to_ros
 from lidcam.readers.messages.header_stamp import stamp_or_log_time
+from lidcam.readers.ouster import packets as ouster
+from lidcam.readers.ouster.description import find_description
+from lidcam.readers.ouster.sensor import missing_sdk
+from lidcam.readers.ouster.sweeps import OusterSweep
 from lidcam.readers.recording import Closing, Loss, Recording, TopicInfo, merge_topics
-from lidcam.readers.velodyne.scan import PACKET, SCAN, packet_problem, scan_channel
-from lidcam.readers.velodyne.sweeps import PAUSE_NS, gather_sweeps
+from lidcam.readers.streams.sweeps import PAUSE_NS, Sweep, gather_sweeps
+from lidcam.readers.velodyne.scan import PACKET, packet_problem, scan_channel
+from lidcam.readers.velodyne.sweeps import VelodyneSweep
 from lidcam.readers.video.packets import VIDEO, missing_decoder
 
 PART_TYPES = frozenset({"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/PointCloud2"})
@@ -126,11 +132,10 @@ def sensor_messages(recording: Recording, *, limits: RecordingLimits = DEFAULT_L
         RecordingError: the recording cannot be read; it is then closed.
     """
     try:
-        combined = find_combined(recording, limits=limits)
+        adapted = _SensorMessages(recording, find_combined(recording, limits=limits), limits)
     except BaseException:
         recording.close()
         raise
-    adapted = _SensorMessages(recording, combined, limits)
     return adapted if adapted.changes_anything else recording
 
 
@@ -138,7 +143,17 @@ def _problem(channel: Channel) -> str:
     """Why the messages of a channel cannot be used; empty if they can."""
     if channel.msgtype == PACKET:
         return packet_problem(channel)
+    if ouster.is_lidar_packets(channel):
+        return missing_sdk() or ouster.packet_problem(channel)
     return missing_decoder() if ROS_TYPES.get(channel.msgtype, channel.msgtype) in VIDEO else ""
+
+
+def gathered_channel(info: TopicInfo) -> Channel | None:
+    """The channel of the sweeps of a topic's packets; None if it has none."""
+    if info.msgtype == PACKET and info.channels:
+        return scan_channel(info.topic)
+    is_ouster = any(ouster.is_lidar_packets(channel) for channel in info.channels)
+    return ouster.sweep_channel(info.topic) if is_ouster else None
 
 
 class _SensorMessages(Closing):
@@ -146,14 +161,13 @@ class _SensorMessages(Closing):
 
     def __init__(self, recording: Recording, combined: Mapping[Channel, Parts], limits: RecordingLimits) -> None:
         channels = {channel for info in recording.topics for channel in info.channels}
-        packets = {channel for channel in channels if channel.msgtype == PACKET}
         self._recording = recording
         self._combined = combined
         self._limits = limits
         self._foreign = {channel for channel in channels if channel.encoding in {"protobuf", "json"}}
         self._closed = {channel: problem for channel in channels if (problem := _problem(channel))}
-        self._packets = packets - self._closed.keys()
-        self.changes_anything = bool(combined or self._foreign or self._closed or packets)
+        self._packets = self._sweeps(channels - self._closed.keys())
+        self.changes_anything = bool(combined or self._foreign or self._closed or self._packets)
         self.paths, self.opened = recording.paths, recording.opened
         self.start_ns, self.end_ns, self.message_count = recording.start_ns, recording.end_ns, recording.message_count
         self.topics = merge_topics(self._infos(recording.topics))
@@ -194,6 +208,21 @@ class _SensorMessages(Closing):
         """Close the recording."""
         self._recording.close()
 
+    def _sweeps(self, channels: Collection[Channel]) -> dict[Channel, Callable[[str], Sweep]]:
+        """What gathers the packets of channels; those that cannot be gathered are closed."""
+        found: dict[Channel, Callable[[str], Sweep]] = {one: VelodyneSweep for one in channels if one.msgtype == PACKET}
+        ousters = sorted((one for one in channels if ouster.is_lidar_packets(one)), key=lambda one: one.topic)
+        single = len({channel.topic for channel in ousters}) == 1
+        for channel in ousters:
+            try:
+                text = find_description(self._recording, channel.topic)
+            except MessageError as err:
+                self._closed[channel] = str(err).removeprefix(f"{channel.topic}: ")
+                continue
+            frame = ouster.FRAME if single else f"{channel.topic.strip('/').split('/')[0]}/{ouster.FRAME}"
+            found[channel] = partial(OusterSweep, frame_id=frame, metadata=text)
+        return found
+
     def _infos(self, recorded: Iterable[TopicInfo]) -> Iterator[TopicInfo]:
         for info in recorded:
             parts: dict[tuple[str, str], dict[Channel, None]] = {}
@@ -206,9 +235,11 @@ class _SensorMessages(Closing):
             for (topic, msgtype), channels in parts.items():
                 yield TopicInfo(topic, msgtype, info.message_count, tuple(channels), part_of=info.topic)
             problem = next((self._closed[channel] for channel in info.channels if channel in self._closed), "")
-            if info.msgtype == PACKET and info.channels:
-                scans = () if problem else (scan_channel(info.topic),)
-                yield replace(info, msgtype=SCAN, channels=scans, unreadable=problem, gathered_from=PACKET)
+            if (gathered := gathered_channel(info)) is not None:
+                sweeps = () if problem else (gathered,)
+                yield replace(
+                    info, msgtype=gathered.msgtype, channels=sweeps, unreadable=problem, gathered_from=info.msgtype
+                )
             elif problem:
                 yield replace(info, msgtype=kept[0].msgtype, channels=(), unreadable=problem)
             elif kept:

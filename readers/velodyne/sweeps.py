@@ -5,20 +5,14 @@ belongs to the sweep before. The packets before the first cut and after the last
 sweep also ends where the sensor's own clock shows a gap in which the head may have turned once, after a pause in the
 recording, and at a number of packets that no turn has. A late packet stays in the sweep that it arrived in.
 
-A sweep has the stamp of its first packet, and the log time and order of its last one. Messages of other topics
-therefore wait until it is known whether an open sweep ends before them.
+A sweep has the stamp of its first packet, and the log time and order of its last one (see `readers.streams.sweeps`).
 """
 
-import heapq
 import struct
-from collections.abc import Container, Iterable, Iterator
 
 from lidcam.pipeline.core.errors import MessageError
-from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.velodyne.scan import packet_data, scan_channel, scan_data
-
-PAUSE_NS = 500_000_000
-"""Log time without a packet after which a sweep is complete; no sweep takes as long (300 turns a minute: 0.2 s)."""
 
 MIN_HIDDEN_TURN_US = 50_000
 """A turn at 1200 a minute, a Velodyne's maximum: azimuths do not show how often the head turned in a gap."""
@@ -37,48 +31,7 @@ _FIRST_BLOCK_AND_CLOCK = struct.Struct("<8x HH 1196x I")
 """Fields of a stamped packet: flag and azimuth of the first block, and the sensor's microseconds in the hour."""
 
 
-def gather_sweeps(
-    messages: Iterable[RawMessage], packets: Container[Channel], *, start_ns: int | None, stop_ns: int | None
-) -> Iterator[RawMessage]:
-    """Messages with those of the channels `packets` gathered into sweeps, in the order of (log time, order).
-
-    They begin `PAUSE_NS` before `start_ns` and end `PAUSE_NS` after `stop_ns`, so that the first and the last sweep are
-    the same as if everything were read.
-
-    A packet that cannot be used is reported in `RawMessage.defects` of its sweep.
-    """
-    first_ns = -1 if start_ns is None else start_ns
-    waiting: list[tuple[int, tuple[int, ...], RawMessage]] = []
-    sweeps: dict[str, _Sweep] = {}
-
-    def put(message: RawMessage | None) -> None:
-        if message is not None and message.log_time_ns >= first_ns:
-            heapq.heappush(waiting, (message.log_time_ns, message.order, message))
-
-    for message in messages:
-        now_ns = message.log_time_ns
-        for sweep in sweeps.values():
-            if now_ns - sweep.end[0] >= PAUSE_NS:
-                put(sweep.pause())
-        if message.channel in packets:
-            sweep = sweeps.get(message.topic) or sweeps.setdefault(message.topic, _Sweep(message.topic))
-            put(sweep.add_packet(message))
-        else:
-            put(message)
-        known = min((sweep.end for sweep in sweeps.values() if sweep.is_open), default=(now_ns, message.order))
-        while waiting and waiting[0][:2] <= known:
-            if stop_ns is not None and waiting[0][0] >= stop_ns:
-                return
-            yield heapq.heappop(waiting)[2]
-        if stop_ns is not None and known[0] >= stop_ns:
-            return
-    for sweep in sweeps.values():
-        put(sweep.close())
-    while waiting and (stop_ns is None or waiting[0][0] < stop_ns):
-        yield heapq.heappop(waiting)[2]
-
-
-class _Sweep:
+class VelodyneSweep:
     """The packets of one topic since the last cut.
 
     Attributes:

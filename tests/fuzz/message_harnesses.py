@@ -1,5 +1,6 @@
 """The decoders of single messages, see `harnesses`: for each a function of bytes, and inputs to begin with."""
 
+import zlib
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -7,6 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
+import zstandard
 from builders import (
     Fields,
     camera_info,
@@ -35,11 +37,13 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.pipeline.stages.detect3d import Recorded3D
 from lidcam.readers.messages.camera_info import camera_model, rectified_camera_model
+from lidcam.readers.messages.compressed_cloud import decode_compressed_cloud
 from lidcam.readers.messages.deserialize import definition_problem, deserialize, typestore_for
 from lidcam.readers.messages.diagnostics import decode_diagnostics
 from lidcam.readers.messages.image import decode_any_image
 from lidcam.readers.messages.livox import decode_livox
 from lidcam.readers.messages.objects.tracks import decode_tracks
+from lidcam.readers.messages.pointcloud import decode_pointcloud
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 from lidcam.readers.messages.tf import decode_odometry, decode_transforms, read_transforms
 from lidcam.readers.messages.to_ros2 import to_ros2
@@ -104,8 +108,10 @@ def _of_messages(msgtype: str, decode: Callable[[RawMessage], Any], fields: Call
     return Harness(run, seeds)
 
 
-CLOUD, LIVOX, IMAGE, COMPRESSED, INFO, TF, ODOMETRY, BOXES, OBJECTS, STATUS, SCAN = (
+CLOUD, OLD_CLOUD, COMPRESSED_CLOUD, LIVOX, IMAGE, COMPRESSED, INFO, TF, ODOMETRY, BOXES, OBJECTS, STATUS, SCAN = (
     "sensor_msgs/msg/PointCloud2",
+    "sensor_msgs/msg/PointCloud",
+    "point_cloud_interfaces/msg/CompressedPointCloud2",
     "livox_ros_driver/msg/CustomMsg",
     "sensor_msgs/msg/Image",
     "sensor_msgs/msg/CompressedImage",
@@ -320,6 +326,18 @@ def _boxes() -> Fields:
     return detection2d_array([[0, 0, 5, 5]] * 2, class_names=["car", "0"], scores=[0.5, 0.6], stamp_ns=T0)
 
 
+def _compressed_clouds() -> list[Fields]:
+    plain = dict(_clouds()[0])
+    data = plain.pop("data").tobytes()
+    packed = {"zlib": zlib.compress(data), "zstd": zstandard.compress(data), "draco": b"DRACO\2\3" + bytes(40)}
+    return [{**plain, "format": name, "compressed_data": np.frombuffer(one, np.uint8)} for name, one in packed.items()]
+
+
+def _old_cloud() -> Fields:
+    channels = [{"name": "intensity", "values": np.ones(2, np.float32)}]
+    return {"header": header(T0, "laser"), "points": [{"x": 1.0}, {"y": 1.0}], "channels": channels}
+
+
 def _livox(count: int) -> Fields:
     points = [{"offset_time": 1000 * index, "x": 1.0 * index, "line": index} for index in range(count)]
     return {"header": header(T0, "livox"), "timebase": T0, "point_num": count, "points": points}
@@ -339,6 +357,10 @@ def _track_seeds() -> list[bytes]:
 
 MESSAGES: dict[str, Harness] = {
     "pointcloud2": _of_messages(CLOUD, partial(decode_pointcloud2, limits=LIMITS), _clouds),
+    "pointcloud": _of_messages(OLD_CLOUD, partial(decode_pointcloud, limits=LIMITS), lambda: [_old_cloud()]),
+    "compressed_cloud": _of_messages(
+        COMPRESSED_CLOUD, partial(decode_compressed_cloud, limits=LIMITS), _compressed_clouds
+    ),
     "livox": _of_messages(LIVOX, partial(decode_livox, limits=LIMITS), lambda: [_livox(0), _livox(3)]),
     "image": _of_messages(IMAGE, partial(decode_any_image, limits=LIMITS), images),
     "compressed_image": _of_messages(COMPRESSED, partial(decode_any_image, limits=LIMITS), _compressed),

@@ -36,6 +36,8 @@ MORE_PACKAGES = (
     "ffmpeg_image_transport_msgs/",
     "foxglove_msgs/",
     "livox_",
+    "ouster_",
+    "point_cloud_interfaces/",
     "tf2_msgs/",
     "velodyne_msgs/",
     "vision_msgs/",

@@ -39,6 +39,16 @@ def ethernet(data: Any, kind: int | None = None) -> bytes:
     return bytes(6) + b"\xff" * 6 + struct.pack(">H", kind) + bytes(data)
 
 
+def fragments(packet: Any, most: int = 1480) -> list[bytes]:
+    """The frames of an IPv4 packet whose data is sent in parts of at most `most` bytes, a multiple of eight."""
+    data, frames = bytes(packet.data), []
+    for at in range(0, len(data), most):
+        part = dpkt.ip.IP(src=packet.src, dst=packet.dst, p=packet.p, id=packet.id, data=data[at : at + most])
+        part.len, part.offset, part.mf = len(part), at // 8, int(at + most < len(data))
+        frames.append(ethernet(bytes(part)))
+    return frames
+
+
 # --- pcap
 
 

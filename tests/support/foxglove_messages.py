@@ -40,6 +40,10 @@ message RawImage {
 message CompressedImage {
   google.protobuf.Timestamp timestamp = 1; string frame_id = 4; bytes data = 2; string format = 3;
 }
+message CompressedPointCloud {
+  google.protobuf.Timestamp timestamp = 1; string frame_id = 2; foxglove.Pose pose = 3; bytes data = 4;
+  string format = 5;
+}
 message CompressedVideo {
   google.protobuf.Timestamp timestamp = 1; string frame_id = 2; bytes data = 3; string format = 4;
 }

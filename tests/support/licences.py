@@ -12,13 +12,14 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[2]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-EXTRAS = ("foxglove", "video", "notebook", "http", "s3", "ray", "sim", "train", "test", "dev")
+EXTRAS = ("foxglove", "video", "draco", "notebook", "http", "s3", "ray", "sim", "train", "test", "dev")
 LINUX = {"sys_platform": "linux", "os_name": "posix", "platform_system": "Linux"}
 
 TITLES = {
     "": "lidcam",
     "foxglove": "Extra `foxglove`",
     "video": "Extra `video`",
+    "draco": "Extra `draco`",
     "notebook": "Extra `notebook`",
     "http": "Extra `http`",
     "s3": "Extra `s3`",

@@ -14,6 +14,7 @@ from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.rig.discovery import Discovery, discover_rig
 from lidcam.readers.rig.schema import RigFile
+from lidcam.readers.rig.undecoded import UNDECODED
 
 OPTICAL = (-0.5, 0.5, -0.5, 0.5)  # REP 103: optical axes in a body frame
 
@@ -95,12 +96,24 @@ PANDAR = Channel("/hesai/packets", "pandar_msgs/msg/PandarScan", "cdr", "", "ros
         ([image_message("/camera/image_raw", "c")], {}, r"a topic of lidar clouds.*/camera/image_raw \(sensor_msgs"),
         ([], {}, "found topics: none"),
         ([image_message(f"/camera{i}/image_raw", "camera") for i in range(15)], {}, "and 5 more"),
-        ([RawMessage(1, 1, (0, 0), b"", PANDAR)], {}, r"Scan, 1\), which lidcam does not read yet.*play"),
+        (
+            [RawMessage(1, 1, (0, 0), b"", PANDAR)],
+            {},
+            r"of a Hesai \(pandar_msgs/PandarScan\), which .* read; play",
+        ),
     ],
 )
 def test_no_usable_lidar_ends_the_run(messages: list[RawMessage], sections: dict[str, Any], words: str) -> None:
     with pytest.raises((CalibrationError, RecordingError), match=words):
         discover(messages, **sections)
+
+
+@pytest.mark.parametrize("msgtype", [*UNDECODED])
+def test_what_is_not_decoded_is_named(msgtype: str) -> None:
+    source = Channel("/data", msgtype, "cdr", "", "ros2msg")
+    found = discover([RawMessage(1, 1, (0, 0), b"", source), A, static(("site", "a", (1, 0, 0)))])
+    [note] = [note for note in found.notes if note.startswith("/data: ")]
+    assert f"({msgtype.replace('/msg/', '/')}), which lidcam does not read; " in note
 
 
 def packets(topic: str, frame: str = "", model: str = "VLP-16") -> RawMessage:

@@ -12,9 +12,9 @@ from velodyne import START_NS, packet_stream, random_packets
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.streams.per_sensor import sensor_messages
+from lidcam.readers.streams.sweeps import PAUSE_NS, gather_sweeps
 from lidcam.readers.velodyne import sweeps as velodyne_sweeps
 from lidcam.readers.velodyne.scan import SCAN, parse_velodyne_scan
-from lidcam.readers.velodyne.sweeps import PAUSE_NS
 
 TOPIC = "/velodyne_packets"
 MS = 1_000_000
@@ -158,8 +158,8 @@ def test_messages_wait_for_open_sweeps_only() -> None:
             taken += 1
             yield message._replace(order=(0, order))
 
-    channels = {stream([100])[0].channel}
-    sweeps = velodyne_sweeps.gather_sweeps(counted(), channels, start_ns=None, stop_ns=None)
+    channels = {stream([100])[0].channel: velodyne_sweeps.VelodyneSweep}
+    sweeps = gather_sweeps(counted(), channels, start_ns=None, stop_ns=None)
     assert next(sweeps).topic == TOPIC
     assert taken == 6
     assert [next(sweeps).log_time_ns - START_NS for _ in range(3)] == [100 * MS, 200 * MS, 300 * MS]

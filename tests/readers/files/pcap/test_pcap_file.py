@@ -10,7 +10,7 @@ from velodyne import START_NS, random_packets
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.readers.files.pcap.pcap_file import CUT_SHORT, FRAGMENTS, NOT_IPV4, NOT_UDP, UNKNOWN_LINK, Udp, find_udp
+from lidcam.readers.files.pcap.udp import CUT_SHORT, FRAGMENTS, NOT_IPV4, NOT_UDP, UNKNOWN_LINK, Udp, find_udp
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.open import open_recording
 

@@ -1,0 +1,1 @@
+"""Packets of Ouster lidars, decoded by Ouster's own library."""
