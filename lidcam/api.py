@@ -31,6 +31,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.detectors.given import Found2D, Found3D
 from lidcam.processing import RunObserver, process_recording
 from lidcam.processing import iter_frames as frames_of
 from lidcam.readers import open as containers
@@ -50,6 +51,8 @@ from lidcam.run.warning import RunWarning
 from lidcam.writers.tables.objects import Objects
 
 __all__ = [
+    "Found2D",
+    "Found3D",
     "Boxes2D",
     "Boxes3D",
     "CalibrationError",

@@ -23,7 +23,7 @@ from lidcam.cli.verdict import Verdict, strict_failure
 from lidcam.outputs.registry import endings_of
 from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from lidcam.readers.location import location
-from lidcam.run.options import JobOptions
+from lidcam.run.options import CLI_OPTIONS, JobOptions
 
 if TYPE_CHECKING:
     from lidcam.evaluation.evaluation import Evaluation
@@ -52,7 +52,7 @@ Examples:
 
 
 @with_log_options
-@with_job_options(*JobOptions.__annotations__)
+@with_job_options(*CLI_OPTIONS)
 def process(
     paths: Annotated[
         list[str],

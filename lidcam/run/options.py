@@ -2,19 +2,23 @@
 
 import inspect
 import re
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypedDict
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypedDict, TypeVar
 
 if TYPE_CHECKING:  # `lidcam --help` does without
     from collections.abc import Mapping, Sequence
     from os import PathLike
 
     from lidcam.pipeline.core.settings.config import Config
+    from lidcam.pipeline.detectors.given import FindInCloud, FindInImage
     from lidcam.readers.rig.schema import RigFile
 
     FilePath = str | PathLike[str]
     RigSource = RigFile | FilePath | Sequence[RigFile | FilePath]
 
 OnBadMessage = Literal["skip", "fail"]
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 class CliOption(NamedTuple):
@@ -57,6 +61,11 @@ class JobOptions(TypedDict, total=False):
             programs, and any web page in its browser.
         pace: Limit playback to N x real time, e.g. 1. Default: as fast as possible.
         save_matches: Also write an image (JPEG) of each camera and frame into this folder: 2D and 3D boxes, matches.
+        detector: Function that finds boxes in a cloud, in place of lidcam's: it takes an (N, 4) float32 array of x, y,
+            z (m, site frame) and intensity, with the ground, and returns a `Found3D`. What it returns may depend on its
+            argument alone.
+        detector_2d: Function that finds boxes in an image, in place of lidcam's: it takes an (H, W, 3) uint8 RGB array
+            and returns a `Found2D`. What it returns may depend on its argument alone.
     """
 
     config: Annotated["Config | FilePath | None", CliOption(str, "--config", "PRESET|FILE")]
@@ -75,6 +84,50 @@ class JobOptions(TypedDict, total=False):
     foxglove: Annotated[int | str | None, CliOption(str, "--foxglove", "[HOST:]PORT")]
     pace: Annotated[float | None, CliOption(float, "--pace", "N")]
     save_matches: Annotated["FilePath | None", CliOption(str, "--save-matches", "DIR")]
+    detector: "FindInCloud | None"
+    detector_2d: "FindInImage | None"
+
+
+DEFAULTS: JobOptions = {
+    "settings": (),
+    "start_s": 0.0,
+    "on_bad_message": "skip",
+    "overwrite": False,
+    "view": False,
+}
+"""Values of options that are not given, where it is not None."""
+
+CLI_OPTIONS = tuple(name for name, kind in JobOptions.__annotations__.items() if hasattr(kind, "__metadata__"))
+"""Those that the command line has."""
+
+
+def with_job_keywords(*names: str) -> Callable[[F], F]:
+    """A decorator of functions that take `**options` of a job: `help` and completion show each of the named ones.
+
+    Type checkers know them by `Unpack[JobOptions]`; the signature and the docstring that Python shows are made here.
+    """
+
+    def decorated(function: F) -> F:
+        signature, docs = inspect.signature(function), attribute_docs(JobOptions)
+        own = [one for one in signature.parameters.values() if one.kind != inspect.Parameter.VAR_KEYWORD]
+        added = [
+            inspect.Parameter(
+                name, inspect.Parameter.KEYWORD_ONLY, default=DEFAULTS.get(name), annotation=_type_text(name)
+            )
+            for name in names
+        ]
+        vars(function)["__signature__"] = signature.replace(parameters=[*own, *added])
+        lines = "\n".join(f"        {name}: {docs[name]}" for name in names)
+        function.__doc__ = re.sub(r" {8}\*\*options: .*(\n {12}.*)*", lambda _: lines, function.__doc__ or "")
+        return function
+
+    return decorated
+
+
+def _type_text(name: str) -> Any:
+    kind = JobOptions.__annotations__[name]
+    kind = getattr(kind, "__origin__", kind) if hasattr(kind, "__metadata__") else kind
+    return getattr(kind, "__forward_arg__", kind)
 
 
 def attribute_docs(owner: type) -> dict[str, str]:

@@ -41,7 +41,12 @@ MAX_LISTED = 10
 MAX_LOSSES = 20
 """Damaged parts in the table."""
 
-BOX_SOURCES = {"onnx": "by a 2D network", "recorded": "as recorded", "none": "none: lidar-only"}
+BOX_SOURCES = {
+    "onnx": "by a 2D network",
+    "recorded": "as recorded",
+    "callable": "by a function of the caller",
+    "none": "none: lidar-only",
+}
 GEOMETRY = {"lidar": "lidar only", "camera": "camera only", "both": "both", "predicted": "predicted by tracks"}
 NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
 
