@@ -51,8 +51,6 @@ from lidcam.run.warning import RunWarning
 from lidcam.writers.tables.objects import Objects
 
 __all__ = [
-    "Found2D",
-    "Found3D",
     "Boxes2D",
     "Boxes3D",
     "CalibrationError",
@@ -62,6 +60,8 @@ __all__ = [
     "Detections",
     "DropCount",
     "Evaluation",
+    "Found2D",
+    "Found3D",
     "Frame",
     "FrameError",
     "FrameResult",

@@ -11,6 +11,7 @@ from lidcam.cli.printing.folding import Folded
 from lidcam.cli.printing.mistakes import mistake_note
 from lidcam.evaluation.evaluate import Progress, evaluate_result, not_shown, within_labels
 from lidcam.evaluation.evaluation import Evaluation, EvaluationJob
+from lidcam.outputs.allowed import PAGE, check_no_input, check_replaced
 from lidcam.outputs.report import sections
 from lidcam.outputs.report.images import CLOUD_TOPIC, mistake_image
 from lidcam.pipeline.core.errors import MessageError
@@ -20,6 +21,7 @@ from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 from lidcam.readers.results.result import Result, open_result
 from lidcam.readers.truth.site import SitePoses
 from lidcam.run.warning import RunWarning
+from lidcam.writers.outputs.transaction import OutputTransaction
 from lidcam.writers.report import accuracy, plots
 from lidcam.writers.report.collector import ReportCollector
 from lidcam.writers.report.grid import SparseGrid
@@ -37,6 +39,18 @@ MAX_CELLS = 150_000
 """Cells of the background."""
 
 KINDS = {"false": "Reported, and not there", "missed": "There, and not reported"}
+
+
+def write_page(result: Path, page_path: Path, *, overwrite: bool = False, show: Progress = not_shown) -> None:
+    """Write the page about a result.
+
+    Raises:
+        LidcamError: the result cannot be read, or the page cannot be written or replace what stands there.
+    """
+    check_no_input([page_path], [result])
+    check_old = check_replaced(lambda _: PAGE, overwrite=overwrite)
+    with OutputTransaction([page_path], check_old=check_old) as outputs:
+        outputs[page_path].write_text(make_page(result, show))
 
 
 def make_page(path: Path, show: Progress = not_shown) -> str:
