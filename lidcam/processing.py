@@ -238,7 +238,7 @@ class Run:
                 bundle, objects = frame.bundle, len(frame.fused.objects)
                 facts = bundle.index, bundle.stamp_ns, len(bundle.messages), objects
                 logger.debug("frame %d, %d ns: %d topics, %d objects", *facts)
-                yield Frame.of(frame, scenes)
+                yield Frame.of(frame, scenes, self.source.rig, self.source.config.object_names)
         self._seconds += time.perf_counter() - started
         if self._tally.frames == 0:
             raise RecordingError(no_frames(self.source, self._drops))

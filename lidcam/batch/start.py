@@ -4,7 +4,6 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Unpack
 
@@ -12,12 +11,12 @@ from lidcam.batch.jobs import BatchJob, find_jobs
 from lidcam.batch.local import LocalEngine, jobs_that_fit
 from lidcam.batch.ray import RayEngine
 from lidcam.batch.records import JobRecord
+from lidcam.batch.result import BatchResult
 from lidcam.batch.run import MATCHES, BatchOptions, run_batch
 from lidcam.batch.store import Store
 from lidcam.batch.table import TABLE, records_table
 from lidcam.outputs.registry import endings_of
 from lidcam.pipeline.core.errors import ConfigError
-from lidcam.pipeline.core.text import brief
 from lidcam.pipeline.parallel.cores import usable_cores
 from lidcam.readers.location import Location
 from lidcam.run.job import make_job
@@ -33,41 +32,6 @@ WatchBatch = Callable[[Sequence[BatchJob]], AbstractContextManager[Callable[[Job
 def not_watched(_: Sequence[BatchJob]) -> AbstractContextManager[Callable[[JobRecord], None]]:
     """Shows nothing."""
     return nullcontext(lambda _: None)
-
-
-@dataclass(frozen=True, slots=True)
-class BatchResult:
-    """A batch that has ended.
-
-    Attributes:
-        records: What became of each recording, in the order of their names; those that were not started are missing.
-        count: Number of recordings that were found.
-        table: The Parquet file with these records.
-    """
-
-    records: tuple[JobRecord, ...]
-    count: int
-    table: str
-
-    __repr__ = brief
-
-    @property
-    def failed(self) -> tuple[JobRecord, ...]:
-        """The records of the recordings without a result; `message` says why."""
-        return tuple(record for record in self.records if record.state == "failed")
-
-    def __str__(self) -> str:
-        """The table of the command line."""
-        from lidcam.cli.printing.batch import print_batch
-        from lidcam.cli.printing.terminal import printed_text
-
-        return printed_text(lambda out: print_batch(out, self.records))
-
-    def _repr_html_(self) -> str:
-        from lidcam.cli.printing.batch import print_batch
-        from lidcam.cli.printing.terminal import printed_html
-
-        return printed_html(lambda out: print_batch(out, self.records))
 
 
 def process_batch(

@@ -5,8 +5,10 @@ from typing import Self
 
 from lidcam.pipeline.core.arrays import U8
 from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.text import brief
 from lidcam.writers.images.scene import Scene, Scenes
+from lidcam.writers.tables.objects import Objects
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -14,20 +16,23 @@ class Frame(FrameResult):
     """All results of one frame, as in `FrameResult`, which can be drawn.
 
     Attributes:
+        objects: The fused objects with their tracks, with the names of classes and zones: a table.
         scene: The content of its images.
         scenes: Draws it.
     """
 
+    objects: Objects
     scene: Scene
     scenes: Scenes
 
     __repr__ = brief
 
     @classmethod
-    def of(cls, result: FrameResult, scenes: Scenes) -> Self:
+    def of(cls, result: FrameResult, scenes: Scenes, rig: Rig, class_names: tuple[str, ...]) -> Self:
         """The next frame of a run."""
         values = {one.name: getattr(result, one.name) for one in fields(FrameResult)}
-        return cls(**values, scene=scenes.add_frame(result), scenes=scenes)
+        objects = Objects.of_frame(result, rig, class_names)
+        return cls(**values, objects=objects, scene=scenes.add_frame(result), scenes=scenes)
 
     def draw(self, camera: str | None = None) -> U8:
         """The frame as an image, (H, W, 3) uint8, red, green, blue.

@@ -122,7 +122,8 @@ CLI_OPTIONS = tuple(name for name, kind in JobOptions.__annotations__.items() if
 def with_job_keywords(*names: str) -> Callable[[F], F]:
     """A decorator of functions that take `**options` of a job: `help` and completion show each of the named ones.
 
-    Type checkers know them by `Unpack[JobOptions]` or `Unpack[SharedOptions]`; the signature and the docstring that Python shows are made here.
+    Type checkers know them by the `Unpack` of the annotation; the signature and the docstring that Python shows are
+    made here.
     """
 
     def decorated(function: F) -> F:

@@ -1,6 +1,6 @@
 """Makes the page about a result: one pass over its frames, a few of its clouds, the images of its worst errors."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,19 +24,10 @@ from lidcam.run.warning import RunWarning
 from lidcam.writers.outputs.transaction import OutputTransaction
 from lidcam.writers.report import accuracy, plots
 from lidcam.writers.report.collector import ReportCollector
-from lidcam.writers.report.grid import SparseGrid
+from lidcam.writers.report.grid import FIRST_CELL_M, MAX_CELLS, MAX_CLOUDS, SparseGrid
 from lidcam.writers.report.page import PageTable, page
 from lidcam.writers.report.site_map import map_figure
 from lidcam.writers.report.values import Figure
-
-MAX_CLOUDS = 48
-"""Clouds of the background, evenly over the recording."""
-
-FIRST_CELL_M = 0.02
-"""Side of a cell of the background at first."""
-
-MAX_CELLS = 150_000
-"""Cells of the background."""
 
 KINDS = {"false": "Reported, and not there", "missed": "There, and not reported"}
 
@@ -70,7 +61,7 @@ def make_page(path: Path, show: Progress = not_shown) -> str:
         measured = DetectionPlots(result.config)
         evaluation = evaluate_result(job, show, (seen, measured))
         tree: Mapping[str, Any] = evaluation.figures.tree
-        background = SparseGrid(FIRST_CELL_M, MAX_CELLS) if result.is_adrift else _background(result, seen)
+        background = background_of(result, () if result.is_adrift else seen.log_times_ns)
         warnings = [*(RunWarning(**one) for one in summary.get("warnings", ())), *evaluation.warnings]
         against = [f"Against the recorded truth, {line}" for line in headlines(tree)[:1]]
         if evaluation.truth is None:
@@ -106,11 +97,11 @@ def make_page(path: Path, show: Progress = not_shown) -> str:
         )
 
 
-def _background(result: Result, seen: ReportCollector) -> SparseGrid:
-    """Where points lie, in the frame that does not move; without cells where the result has no clouds."""
+def background_of(result: Result, log_times_ns: Sequence[int]) -> SparseGrid:
+    """Where points lie, of some of these frames, in the frame that does not move; no cells if it has no clouds."""
     grid, poses = SparseGrid(FIRST_CELL_M, MAX_CELLS), SitePoses([result.recording], result.rig, result.config)
-    step = max(len(seen.log_times_ns) // MAX_CLOUDS, 1)
-    for log_time_ns in seen.log_times_ns[step // 2 :: step]:
+    step = max(len(log_times_ns) // MAX_CLOUDS, 1)
+    for log_time_ns in log_times_ns[step // 2 :: step]:
         for message in result.recording.messages([CLOUD_TOPIC], start_ns=log_time_ns, stop_ns=log_time_ns + 1):
             T_fixed_site = poses.T_fixed_site(message.stamp_ns)
             try:
