@@ -1,6 +1,6 @@
 """Plots of a run, by matplotlib: the map, speeds, counts."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -21,10 +21,17 @@ from lidcam.writers.tables.objects import Objects
 
 INK, FAINT = "#1d2126", "#7a848d"
 WIDTH_IN = 9.0
+
+WAYS = "to the left", "to the right"
+"""Directions across a line."""
+
 KM_H = 3.6
 """Kilometres an hour in a metre a second."""
 
 SPEED_BINS = 12
+
+STANDING_LENGTHS_S = 0.1
+"""Median speed below which a road user counts as standing, in its own lengths a second."""
 
 
 def installed(package: str, wanted_by: str) -> Any:
@@ -46,9 +53,8 @@ def plot_tracks(objects: Objects, site: SiteMap, rig: Rig, lines: Mapping[str, L
     known = np.flatnonzero(np.isfinite(places).all(1))
     objects, places = objects.select(known), places[known]
     low, high = map_extent([places, *([site.way[np.isfinite(site.way).all(1)]] if site.moves else [])], site.background)
-    axes = axes or _axes(
-        "run.plot()", (WIDTH_IN, WIDTH_IN * float(np.clip((high[1] - low[1]) / (high[0] - low[0]), 0.4, 1)))
-    )
+    ratio = float(np.clip((high[1] - low[1]) / (high[0] - low[0]), 0.4, 1.0))
+    axes = axes or _axes("run.plot()", (WIDTH_IN, WIDTH_IN * ratio + 0.4))
     if len(site.background):
         image, extent = background_image(site.background, low, high, 0.05 if site.moves else 0.2)
         axes.imshow(image, extent=extent, interpolation="nearest", zorder=0)
@@ -57,7 +63,9 @@ def plot_tracks(objects: Objects, site: SiteMap, rig: Rig, lines: Mapping[str, L
     for name, line in lines.items():
         ends = np.array(line, np.float64)
         axes.plot(*ends.T, color=INK, linewidth=2.5, solid_capstyle="butt", zorder=4)
-        axes.annotate(name, ends[0], (4, 4), textcoords="offset points", color=INK, fontweight="bold", zorder=5)
+        away = 11 * (ends[0] - ends[1]) / max(float(np.hypot(*(ends[1] - ends[0]))), 1e-9)
+        text = {"textcoords": "offset points", "ha": "center", "va": "center", "fontweight": "bold"}
+        axes.annotate(name, ends[0], away, color=INK, zorder=5, **text)
     if site.moves and not site.is_adrift:
         axes.plot(*site.way.T, color=INK, linewidth=1.2, linestyle=":", label="the sensors' own way", zorder=1)
     for class_id in np.unique(objects.class_ids).tolist():
@@ -71,7 +79,7 @@ def plot_tracks(objects: Objects, site: SiteMap, rig: Rig, lines: Mapping[str, L
     what = f"{users} road users" if users else f"{len(objects)} objects"
     axes.set(xlabel="x (m)", ylabel="y (m)")
     axes.set_title(f"{what}, {frame}", loc="left", fontsize=11)
-    _legend(axes)
+    _legend(axes, is_own=False)
     return axes
 
 
@@ -104,35 +112,45 @@ def _outline(axes: Any, polygon: F64, name: str, low: F64, high: F64) -> None:
 
 def plot_speeds(objects: Objects, axes: Any, *, km_h: bool) -> Any:
     """How many road users were how fast; see `RunResult.plot_speeds`."""
+    is_own = axes is None
     axes = axes or _axes("run.plot_speeds()", (WIDTH_IN, 3.2))
     rows = np.flatnonzero((objects.tracks != NO_TRACK) & np.isfinite(objects.speeds))
     order = rows[np.argsort(objects.tracks[rows], kind="stable")]
     parts = np.split(order, np.flatnonzero(np.diff(objects.tracks[order])) + 1) if len(order) else []
     speeds = np.array([np.median(objects.speeds[part]) for part in parts]) * (KM_H if km_h else 1.0)
     classes = np.array([np.bincount(objects.class_ids[part]).argmax() for part in parts], np.int64)
-    step = nice(max(float(speeds.max(initial=0.0)), 0.1) / SPEED_BINS)
-    edges = np.arange(0, max(float(speeds.max(initial=0.0)), 0.1) + step, step)
+    lengths = np.array([np.median(objects.sizes[part, 0]) for part in parts])
+    moved = speeds > STANDING_LENGTHS_S * lengths * (KM_H if km_h else 1.0)
+    axes.set_title(f"{moved.sum()} road users moved, {(~moved).sum()} stood", loc="left", fontsize=11)
+    speeds, classes = speeds[moved], classes[moved]
+    fastest = max(float(speeds.max(initial=0.0)), 0.1)
+    step = nice(fastest / SPEED_BINS)
+    edges = np.arange(0, fastest + step, step)
     below = np.zeros(len(edges) - 1)
     for class_id in np.unique(classes).tolist():
         heights = np.histogram(speeds[classes == class_id], edges)[0]
         label = f"{objects.class_names[class_id]} ({(classes == class_id).sum()})"
         axes.bar(edges[:-1], heights, step * 0.94, below, align="edge", color=_color(class_id), label=label)
         below += heights
-    axes.set(xlabel=f"median speed of each, {'km/h' if km_h else 'm/s'}", ylabel="road users")
+    axes.set(xlabel=f"median speed of each that moved, {'km/h' if km_h else 'm/s'}", ylabel="road users")
     _whole_numbers(axes, axes.yaxis)
-    _legend(axes)
+    _legend(axes, is_own=is_own)
     return axes
 
 
-def plot_counts(users: RoadUsers, crossed: Sequence[LineCount], class_names: Sequence[str], axes: Any) -> Any:
+def plot_counts(
+    users: RoadUsers, lines: Iterable[str], crossed: Sequence[LineCount], class_names: Sequence[str], axes: Any
+) -> Any:
     """How many road users were where, and crossed what; see `RunResult.plot_counts`."""
     bars: dict[str, dict[str, int]] = {"everywhere": {}}
     for one in users.counts:
         bars.setdefault(one.zone or "everywhere", {})[one.class_name] = one.count
+    bars |= {f"{line}, {way}": {} for line in lines for way in WAYS}
     for cross in crossed:
-        for way, count in (("to the left", cross.to_left), ("to the right", cross.to_right)):
-            bars.setdefault(f"{cross.line}, {way}", {})[cross.class_name] = count
-    axes = axes or _axes("run.plot_counts()", (WIDTH_IN, 1.1 + 0.36 * len(bars)))
+        for way, count in zip(WAYS, (cross.to_left, cross.to_right), strict=True):
+            bars[f"{cross.line}, {way}"][cross.class_name] = count
+    is_own = axes is None
+    axes = axes or _axes("run.plot_counts()", (WIDTH_IN, 1.8 + 0.34 * max(len(bars) - 2, 0)))
     ends = np.zeros(len(bars))
     for class_id, name in enumerate(class_names):
         counts = np.array([counts.get(name, 0) for counts in bars.values()])
@@ -144,7 +162,7 @@ def plot_counts(users: RoadUsers, crossed: Sequence[LineCount], class_names: Seq
     axes.invert_yaxis()
     axes.set(xlabel="road users, each counted once")
     _whole_numbers(axes, axes.xaxis)
-    _legend(axes)
+    _legend(axes, is_own=is_own)
     return axes
 
 
@@ -158,9 +176,13 @@ def _whole_numbers(axes: Any, axis: Any) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _legend(axes: Any) -> None:
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+def _legend(axes: Any, *, is_own: bool) -> None:
+    """A legend beside the axes of a figure of ours, else in them."""
+    handles, labels = axes.get_legend_handles_labels()
+    if handles and is_own:
+        axes.figure.legend(handles, labels, loc="outside right upper", frameon=False)
+    elif handles:
+        axes.legend(loc="upper right", framealpha=0.8)
 
 
 def _color(class_id: int) -> tuple[float, ...]:

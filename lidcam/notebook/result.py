@@ -106,7 +106,7 @@ class RunResult:
 
         Args:
             axes: matplotlib axes to draw on; None makes a figure.
-            lines: Lines to draw, as for `count_lines`.
+            lines: Lines to draw, as for `count_lines`; the name of each stands at its first end.
 
         Returns:
             The matplotlib axes.
@@ -117,7 +117,9 @@ class RunResult:
         return plot_tracks(self.objects, self.make_map(), self.summary.sensors.rig, lines or {}, axes)
 
     def plot_speeds(self, axes: Any = None, *, units: SpeedUnits = "km/h") -> Any:
-        """Plot how many road users were how fast over the ground: a histogram of the median speed of each.
+        """Plot how many road users were how fast over the ground: the median speed of each that moved, by class.
+
+        One whose median speed is below a tenth of its own length a second counts as standing; the title says how many.
 
         Args:
             axes: matplotlib axes to draw on; None makes a figure.
@@ -149,7 +151,8 @@ class RunResult:
         users = self.summary.road_users
         if users is None:
             raise LidcamError("run.plot_counts(): expected tracks, found a run without them (track.mode none)")
-        return plot_counts(users, self.count_lines(lines or {}), self.objects.class_names, axes)
+        lines = lines or {}
+        return plot_counts(users, lines, self.count_lines(lines), self.objects.class_names, axes)
 
     def show(self, *, height: int = 600) -> None:
         """Show the .rrd among the outputs of the run in Rerun's viewer, in a notebook.
