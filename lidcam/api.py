@@ -22,7 +22,7 @@ from lidcam.networks.known import NETWORKS, NetworkName, network_path
 from lidcam.notebook.counting import LineCount
 from lidcam.notebook.decoded import decode_clouds, decode_images
 from lidcam.notebook.loaded import load_result
-from lidcam.notebook.result import ObjectCollector, RunResult, ShownInspection
+from lidcam.notebook.result import ObjectCollector, RunResult, ShownBatch, ShownInspection
 from lidcam.notebook.site_map import SiteMap, read_site_map
 from lidcam.outputs.export.export import Exported, export_results
 from lidcam.outputs.export.scene import ExportOptions
@@ -262,7 +262,7 @@ def batch(
         watch = shown_batch
     wanted = {"--rerun": rerun, "--report": report, "--objects": objects, "--video": video}
     (place,) = locations(output)
-    return process_batch(
+    done = process_batch(
         [recordings] if isinstance(recordings, str) else recordings,
         place,
         jobs=jobs,
@@ -275,6 +275,7 @@ def batch(
         watch=watch,
         **options,
     )
+    return ShownBatch.of(done)
 
 
 def inspect(

@@ -26,16 +26,3 @@ class BatchResult:
     def failed(self) -> tuple[JobRecord, ...]:
         """The records of the recordings without a result; `message` says why."""
         return tuple(record for record in self.records if record.state == "failed")
-
-    def __str__(self) -> str:
-        """The table of the command line."""
-        from lidcam.cli.printing.batch import print_batch
-        from lidcam.cli.printing.terminal import printed_text
-
-        return printed_text(lambda out: print_batch(out, self.records))
-
-    def _repr_html_(self) -> str:
-        from lidcam.cli.printing.batch import print_batch
-        from lidcam.cli.printing.terminal import printed_html
-
-        return printed_html(lambda out: print_batch(out, self.records))

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Literal, Self, get_args
 
+from lidcam.batch.result import BatchResult
 from lidcam.inspection import Inspection
 from lidcam.notebook.counting import Line, LineCount, count_lines
 from lidcam.notebook.plots import installed, plot_counts, plot_speeds, plot_tracks
@@ -36,6 +37,29 @@ class ShownInspection(Inspection):
         from lidcam.cli.printing.terminal import printed_html
 
         return printed_html(lambda out: print_inspection(out, self))
+
+
+class ShownBatch(BatchResult):
+    """A batch that `print` and a notebook show as `lidcam batch` does."""
+
+    __slots__ = ()
+
+    @classmethod
+    def of(cls, done: BatchResult) -> Self:
+        """The same batch."""
+        return cls(done.records, done.count, done.table)
+
+    def __str__(self) -> str:
+        from lidcam.cli.printing.batch import print_batch
+        from lidcam.cli.printing.terminal import printed_text
+
+        return printed_text(lambda out: print_batch(out, self.records))
+
+    def _repr_html_(self) -> str:
+        from lidcam.cli.printing.batch import print_batch
+        from lidcam.cli.printing.terminal import printed_html
+
+        return printed_html(lambda out: print_batch(out, self.records))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
