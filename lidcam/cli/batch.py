@@ -13,7 +13,7 @@ from lidcam.readers.location import location
 from lidcam.run.options import SharedOptions
 
 if TYPE_CHECKING:
-    from lidcam.batch.records import JobRecord
+    from lidcam.batches.records import JobRecord
 
 # \b keeps the lines of a paragraph as they are.
 BATCH_EXAMPLES = """\b
@@ -74,7 +74,7 @@ def batch(
     """
     from dataclasses import asdict
 
-    from lidcam.batch.start import process_batch
+    from lidcam.batches.start import process_batch
     from lidcam.cli.printing.batch import print_batch, shown_batch
     from lidcam.cli.printing.terminal import console, show_json
 

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> lidcam.RunResult:
 def test_every_name_is_there_and_no_other() -> None:
     for name in api.__all__:
         assert getattr(lidcam, name) is not None
+        assert find_spec(f"lidcam.{name}") is None, "a module that is imported hides the name"
     assert set(api.__all__) <= set(dir(lidcam))
     assert lidcam.api is api
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
@@ -81,7 +83,8 @@ def test_help_shows_every_option(name: str) -> None:
     assert set(options.__annotations__) <= set(parameters)
     assert not [one for one in parameters.values() if one.kind == one.VAR_KEYWORD]
     assert parameters["start_s"].default == 0.0
-    documented = re.findall(r"^ {8}(\w+): ", function.__doc__, re.MULTILINE)
+    arguments = function.__doc__.partition("Args:")[2].partition("\n\n")[0]
+    documented = re.findall(r"^ {8}(\w+): ", arguments, re.MULTILINE)
     assert documented == [*parameters]
 
 
@@ -94,7 +97,7 @@ def test_results_are_compared_exported_and_reported(run: lidcam.RunResult, tmp_p
     assert not found.is_equal
     assert "fused: expected at most 0 % of the objects to differ" in found.failures[0]
     assert lidcam.compare(result, moved, only=["fused"], max_different_percent=100).failures == ()
-    with pytest.raises(lidcam.ConfigError, match="allow: expected lost, new, .*, frames, found 'swapped'"):
+    with pytest.raises(lidcam.ConfigError, match=r"allow: expected lost, new, .*, frames, found 'swapped'"):
         lidcam.compare(result, result, allow=["swapped"])
     done = lidcam.export(result, tmp_path / "set", format="nuscenes")
     assert (done.frames, done.objects) == (run.frames, len(run.objects))
@@ -112,7 +115,7 @@ def test_a_batch(tmp_path: Path) -> None:
     (tmp_path / "in" / "bad.bag").write_bytes(b"no bag")
     (tmp_path / "in" / "good.bag").symlink_to(SANDBOX)
     done = lidcam.batch(str(tmp_path / "in"), tmp_path / "out", config=CONFIG, duration_s=0.3, objects=True)
-    assert [(one.name, one.state) for one in done.records] == [("bad", "failed"), ("good", "incomplete")]
+    assert [(one.name, one.state) for one in done.records] == [("bad", "failed"), ("good", "done")]
     assert [one.name for one in done.failed] == ["bad"]
     assert (tmp_path / "out" / "good.parquet").is_file()
     assert Path(done.table).is_file()

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from lidcam.batch.records import JobRecord
+from lidcam.batches.records import JobRecord
 from lidcam.pipeline.core.text import brief
 
 

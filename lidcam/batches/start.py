@@ -7,14 +7,14 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Literal, Unpack
 
-from lidcam.batch.jobs import BatchJob, find_jobs
-from lidcam.batch.local import LocalEngine, jobs_that_fit
-from lidcam.batch.ray import RayEngine
-from lidcam.batch.records import JobRecord
-from lidcam.batch.result import BatchResult
-from lidcam.batch.run import MATCHES, BatchOptions, run_batch
-from lidcam.batch.store import Store
-from lidcam.batch.table import TABLE, records_table
+from lidcam.batches.jobs import BatchJob, find_jobs
+from lidcam.batches.local import LocalEngine, jobs_that_fit
+from lidcam.batches.ray import RayEngine
+from lidcam.batches.records import JobRecord
+from lidcam.batches.result import BatchResult
+from lidcam.batches.run import MATCHES, BatchOptions, run_batch
+from lidcam.batches.store import Store
+from lidcam.batches.table import TABLE, records_table
 from lidcam.outputs.registry import endings_of
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.parallel.cores import usable_cores
@@ -66,6 +66,8 @@ def process_batch(
     Raises:
         LidcamError: the settings, the rig or an output is at fault, or there are no recordings.
     """
+    if unknown := options.keys() - SharedOptions.__annotations__.keys():
+        raise TypeError(f"expected options of lidcam.batch, got {', '.join(unknown)}")
     if address is not None and engine != "ray":
         raise ConfigError("address: expected the engine ray with it")
     if save_matches and not isinstance(out, Path):
