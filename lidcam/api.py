@@ -166,7 +166,7 @@ def process(
             film), .html (a page) beside an .mcap; None writes none.
         on_frame: Called with each frame, in order, once its tracks are known.
         progress: Show a progress bar, below the cell of a notebook or on a terminal.
-        **options: See `JobOptions`.
+        **options: Those of [`SharedOptions`][lidcam.api.SharedOptions] and [`JobOptions`][lidcam.api.JobOptions].
 
     Returns:
         The objects of all frames, and a summary of the run.
@@ -198,7 +198,7 @@ def iter_frames(
 
     Args:
         recording: Path or URL; several for a recording that was split, in their order.
-        **options: As in `process`.
+        **options: Those of [`SharedOptions`][lidcam.api.SharedOptions] and [`JobOptions`][lidcam.api.JobOptions].
 
     Raises:
         LidcamError: the input, the calibration or the settings are at fault.
@@ -244,7 +244,7 @@ def batch(
         overwrite: Reprocess results that are up to date, and overwrite other files.
         fail_fast: Start no other recording after one that failed.
         progress: Show a progress bar, below the cell of a notebook or on a terminal.
-        **options: As in `process`.
+        **options: Those of [`SharedOptions`][lidcam.api.SharedOptions].
 
     Returns:
         What became of each recording; the same is in the table `_jobs.parquet` of the folder.
