@@ -8,7 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal, Unpack
 
-import lidcam.bags
+from lidcam.bags import SAMPLE
 from lidcam.batches.records import JobRecord
 from lidcam.batches.result import BatchResult
 from lidcam.evaluation.compare import ComparedResults, compare_results
@@ -146,7 +146,7 @@ def sample() -> Path:
 
     It is read where it stands; outputs go elsewhere.
     """
-    return Path(lidcam.bags.__file__).with_name("sandbox.bag")
+    return SAMPLE
 
 
 @with_job_keywords(*ALL_OPTIONS)

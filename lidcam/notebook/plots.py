@@ -63,9 +63,7 @@ def plot_tracks(objects: Objects, site: SiteMap, rig: Rig, lines: Mapping[str, L
     for name, line in lines.items():
         ends = np.array(line, np.float64)
         axes.plot(*ends.T, color=INK, linewidth=2.5, solid_capstyle="butt", zorder=4)
-        away = 11 * (ends[0] - ends[1]) / max(float(np.hypot(*(ends[1] - ends[0]))), 1e-9)
-        text = {"textcoords": "offset points", "ha": "center", "va": "center", "fontweight": "bold"}
-        axes.annotate(name, ends[0], away, color=INK, zorder=5, **text)
+        _name_line(axes, name, ends)
     if site.moves and not site.is_adrift:
         axes.plot(*site.way.T, color=INK, linewidth=1.2, linestyle=":", label="the sensors' own way", zorder=1)
     for class_id in np.unique(objects.class_ids).tolist():
@@ -108,6 +106,17 @@ def _outline(axes: Any, polygon: F64, name: str, low: F64, high: F64) -> None:
     middle = (np.maximum(polygon.min(0), low) + np.minimum(polygon.max(0), high)) / 2
     if ((middle > low) & (middle < high)).all():
         axes.text(*middle, name, color=FAINT, ha="center", va="center", zorder=2)
+
+
+def _name_line(axes: Any, name: str, ends: F64) -> None:
+    """Write the name of a line beside its first end."""
+    x, y = (ends[0] - ends[1]) / np.hypot(*(ends[0] - ends[1]))
+    if abs(x) > abs(y):
+        where = {"ha": "right" if x < 0 else "left", "va": "center"}
+    else:
+        where = {"ha": "center", "va": "top" if y < 0 else "bottom"}
+    at = (6 * x, 6 * y)
+    axes.annotate(name, ends[0], at, textcoords="offset points", color=INK, fontweight="bold", zorder=5, **where)
 
 
 def plot_speeds(objects: Objects, axes: Any, *, km_h: bool) -> Any:

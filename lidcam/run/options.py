@@ -3,6 +3,7 @@
 import inspect
 import re
 from collections.abc import Callable
+from textwrap import fill
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypedDict, TypeVar
 
 if TYPE_CHECKING:  # `lidcam --help` does without
@@ -136,7 +137,9 @@ def with_job_keywords(*names: str) -> Callable[[F], F]:
             for name in names
         ]
         vars(function)["__signature__"] = signature.replace(parameters=[*own, *added])
-        lines = "\n".join(f"        {name}: {OPTION_DOCS[name]}" for name in names)
+        first, later = " " * 8, " " * 12
+        texts = [f"{name}: {OPTION_DOCS[name]}" for name in names]
+        lines = "\n".join(fill(text, 120, initial_indent=first, subsequent_indent=later) for text in texts)
         function.__doc__ = re.sub(r" {8}\*\*options: .*(\n {12}.*)*", lambda _: lines, function.__doc__ or "")
         return function
 
