@@ -16,14 +16,16 @@ class Frame(FrameResult):
     """All results of one frame, as in `FrameResult`, which can be drawn.
 
     Attributes:
-        objects: The fused objects with their tracks, with the names of classes and zones: a table.
         scene: The content of its images.
         scenes: Draws it.
+        rig: The sensors and zones of the run.
+        class_names: Name by class id.
     """
 
-    objects: Objects
     scene: Scene
     scenes: Scenes
+    rig: Rig
+    class_names: tuple[str, ...]
 
     __repr__ = brief
 
@@ -31,8 +33,12 @@ class Frame(FrameResult):
     def of(cls, result: FrameResult, scenes: Scenes, rig: Rig, class_names: tuple[str, ...]) -> Self:
         """The next frame of a run."""
         values = {one.name: getattr(result, one.name) for one in fields(FrameResult)}
-        objects = Objects.of_frame(result, rig, class_names)
-        return cls(**values, objects=objects, scene=scenes.add_frame(result), scenes=scenes)
+        return cls(**values, scene=scenes.add_frame(result), scenes=scenes, rig=rig, class_names=class_names)
+
+    @property
+    def objects(self) -> Objects:
+        """The fused objects with their tracks and the names of classes and zones, as in `RunResult.objects`."""
+        return Objects.of_frame(self, self.rig, self.class_names)
 
     def draw(self, camera: str | None = None) -> U8:
         """The frame as an image, (H, W, 3) uint8, red, green, blue.

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from command import Lidcam
+from mcap.reader import make_reader
 
 import lidcam
 
@@ -59,8 +60,10 @@ def test_the_functions_are_used_and_the_number_of_processes_changes_no_byte(engi
     frame = next(lidcam.iter_frames(CROSSING, detector=engine.find, settings={"track.mode": "none"}, workers=1))
     assert len(frame.detections.lidar) > 10
     assert set(frame.detections.lidar.class_ids.tolist()) == {0}
-    with lidcam.open_recording(results[0]) as recording:
-        assert recording.topics
+    with results[0].open("rb") as file:
+        (metadata,) = [one.metadata for one in make_reader(file).iter_metadata() if one.name == "lidcam"]
+    names = {key: name for key, name in metadata.items() if key.startswith("detector")}
+    assert names == {"detector.name": "own_engine.find", "detector_2d.name": "own_engine.look"}
     assert lidcam.load(results[0]).summary.sensors.box_source_3d == "callable"
 
 

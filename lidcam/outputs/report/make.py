@@ -209,7 +209,11 @@ def _versions(result: Result, evaluation: Evaluation) -> PageTable:
         ["lidcam", metadata.get("version", "unknown")],
         ["settings", metadata.get("settings", "unknown")],
         *([key, metadata[key]] for key in ("config.sha256", "rig.sha256") if key in metadata),
-        *([key, text] for key, text in metadata.items() if key.startswith(("network.", "labels.", "boxes3d."))),
+        *(
+            [key, text]
+            for key, text in metadata.items()
+            if key.startswith(("network.", "labels.", "boxes3d.", "detector"))
+        ),
         ["site frame", result.rig.site_frame],
         [f"{result.path.name}, sha256", file.tree()["sha256"] or ""],
     ]
