@@ -53,6 +53,7 @@ from lidcam.readers.rig.rig_file import load_rig
 from lidcam.readers.rig.schema import RigFile
 from lidcam.readers.rig.sensor_topics import SensorFault
 from lidcam.run.choice import UsedSettings, choose_settings
+from lidcam.run.effect import COMPARING, check_effect
 from lidcam.run.frame import Frame
 from lidcam.run.frames import RunInput
 from lidcam.run.job import ALL_OPTIONS, FilePath, Job, PathOrUrl, RigSource, Settings, locations, make_job
@@ -383,6 +384,7 @@ def compare(
     Raises:
         LidcamError: a result cannot be read, they are of two sites, or a setting or name is at fault.
     """
+    check_effect([*as_texts(settings)], COMPARING)
     tolerances = load_config(config, settings).compare
     return compare_results(
         Path(first),

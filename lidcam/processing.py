@@ -346,8 +346,9 @@ def _workers(source: RunInput) -> int:
     Raises:
         ConfigError: several are asked for, and the caller's functions cannot be sent to them.
     """
-    wanted, reason = source.config.run.workers, source.given.unsendable
-    if wanted == 1 or not reason:
+    wanted = source.config.run.workers
+    reason = "" if wanted == 1 else source.given.unsendable
+    if not reason:
         return wanted or usable_cores()
     if wanted:
         raise ConfigError(f"{reason}, or set workers to 1")

@@ -121,7 +121,7 @@ def _comparison(
     channels += [("images", name) for name in dict.fromkeys((*first.cameras, *second.cameras))]
     known = [name for _, name in channels]
     if unknown := [name for name in only if name not in known]:
-        raise LidcamError(f"--only {unknown[0]}: expected one of {', '.join(known)}, which the results have")
+        raise LidcamError(f"only: expected one of {', '.join(known)}, which the results have, found {unknown[0]!r}")
     chosen = [channel for channel in channels if not only or channel[1] in only]
     kinds = [kind for kind in KINDS if kind in allowed]
     return Comparison(first.config.classes, second.config.classes, config, chosen, kinds)

@@ -191,7 +191,7 @@ def _legend(axes: Any, *, is_own: bool) -> None:
     if handles and is_own:
         axes.figure.legend(handles, labels, loc="outside right upper", frameon=False)
     elif handles:
-        axes.legend(loc="upper right", framealpha=0.8)
+        axes.legend(loc="upper right", framealpha=0.8, markerscale=2)
 
 
 def _color(class_id: int) -> tuple[float, ...]:

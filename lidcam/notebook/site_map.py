@@ -15,6 +15,9 @@ from lidcam.run.frames import RunInput, expected_frames
 from lidcam.writers.report.grid import FIRST_CELL_M, MAX_CELLS, MAX_CLOUDS, SparseGrid
 from lidcam.writers.tables.objects import Objects
 
+MAX_POINTS = 10_000
+"""Points of a cloud that go into the map while a run goes on, roughly: they cost 5 ms."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SiteMap:
@@ -72,7 +75,8 @@ class MapCollector:
         T_fixed_site = np.full((4, 4), np.nan) if pose is None else pose
         self._poses.append(T_fixed_site)
         if len(self._poses) % self._step == self._step // 2 and pose is not None:
-            xyz = frame.combined.cloud.xyz.astype(np.float64)
+            xyz = frame.combined.cloud.xyz
+            xyz = xyz[:: max(len(xyz) // MAX_POINTS, 1)].astype(np.float64)
             self._background.add_points(xyz @ T_fixed_site[:2, :3].T + T_fixed_site[:2, 3])
 
     def site_map(self) -> SiteMap:

@@ -99,6 +99,8 @@ def test_results_are_compared_exported_and_reported(run: lidcam.RunResult, tmp_p
     assert lidcam.compare(result, moved, only=["fused"], max_different_percent=100).failures == ()
     with pytest.raises(lidcam.ConfigError, match=r"allow: expected lost, new, .*, frames, found 'swapped'"):
         lidcam.compare(result, result, allow=["swapped"])
+    with pytest.raises(lidcam.ConfigError, match=r"evaluate\.iou: expected a setting of compare"):
+        lidcam.compare(result, result, settings={"evaluate.iou": [0.5]})
     done = lidcam.export(result, tmp_path / "set", format="nuscenes")
     assert (done.frames, done.objects) == (run.frames, len(run.objects))
     assert (tmp_path / "set").is_dir()

@@ -29,6 +29,9 @@ from lidcam.writers.report.page import PageTable, page
 from lidcam.writers.report.site_map import map_figure
 from lidcam.writers.report.values import Figure
 
+SHOWN_FACTS = "network.", "labels.", "boxes3d.", "detector"
+"""Beginnings of the names of metadata that the page lists."""
+
 KINDS = {"false": "Reported, and not there", "missed": "There, and not reported"}
 
 
@@ -209,11 +212,7 @@ def _versions(result: Result, evaluation: Evaluation) -> PageTable:
         ["lidcam", metadata.get("version", "unknown")],
         ["settings", metadata.get("settings", "unknown")],
         *([key, metadata[key]] for key in ("config.sha256", "rig.sha256") if key in metadata),
-        *(
-            [key, text]
-            for key, text in metadata.items()
-            if key.startswith(("network.", "labels.", "boxes3d.", "detector"))
-        ),
+        *([key, text] for key, text in metadata.items() if key.startswith(SHOWN_FACTS)),
         ["site frame", result.rig.site_frame],
         [f"{result.path.name}, sha256", file.tree()["sha256"] or ""],
     ]
