@@ -85,7 +85,7 @@ check: $(INSTALLED_ALL)
 
 # Without the packages that are left out, what derives from them has no type.
 LOOSE = --cache-dir .mypy_cache/quick --ignore-missing-imports --allow-subclassing-any --allow-untyped-decorators --no-warn-unused-ignores --no-warn-return-any
-QUICK = $(filter-out tests/lidcam/training tests/lidcam/batch/test_ray.py tests/e2e/test_object_store.py,$(shell $(BIN)/python tests/support/changed_tests.py))
+QUICK = $(filter-out tests/lidcam/training tests/lidcam/batches/test_ray.py tests/e2e/test_object_store.py,$(shell $(BIN)/python tests/support/changed_tests.py))
 quick: $(INSTALLED_QUICK)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .

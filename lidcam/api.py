@@ -2,18 +2,31 @@
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import ExitStack
+from functools import partial
 from importlib.metadata import version
+from os import PathLike
 from pathlib import Path
-from typing import Unpack
+from typing import Literal, Unpack
 
+from lidcam.bags import SAMPLE
+from lidcam.batches.records import JobRecord
+from lidcam.batches.result import BatchResult
+from lidcam.evaluation.compare import ComparedResults, compare_results
 from lidcam.evaluation.evaluate import evaluate_result
-from lidcam.evaluation.evaluation import Evaluation, make_evaluation_job
+from lidcam.evaluation.evaluation import Evaluation, as_texts, make_evaluation_job
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.evaluation.requirement import Requirement, RequirementError
 from lidcam.inspection import Inspection, inspect_recording
+from lidcam.networks.fetch import fetch_network, is_fetched
+from lidcam.networks.known import NETWORKS, NetworkName, network_path
+from lidcam.notebook.counting import LineCount
 from lidcam.notebook.decoded import decode_clouds, decode_images
 from lidcam.notebook.loaded import load_result
-from lidcam.notebook.result import ObjectCollector, RunResult, ShownInspection
+from lidcam.notebook.result import ObjectCollector, RunResult, ShownBatch, ShownInspection
+from lidcam.notebook.site_map import SiteMap, read_site_map
+from lidcam.outputs.export.export import Exported, export_results
+from lidcam.outputs.export.scene import ExportOptions
+from lidcam.outputs.registry import DatasetFormat
 from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches
 from lidcam.pipeline.core.errors import (
@@ -31,6 +44,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.detectors.given import Found2D, Found3D
 from lidcam.processing import RunObserver, process_recording
 from lidcam.processing import iter_frames as frames_of
 from lidcam.readers import open as containers
@@ -39,26 +53,32 @@ from lidcam.readers.rig.rig_file import load_rig
 from lidcam.readers.rig.schema import RigFile
 from lidcam.readers.rig.sensor_topics import SensorFault
 from lidcam.run.choice import UsedSettings, choose_settings
+from lidcam.run.effect import COMPARING, check_effect
 from lidcam.run.frame import Frame
 from lidcam.run.frames import RunInput
-from lidcam.run.job import FilePath, Job, PathOrUrl, RigSource, Settings, locations, make_job
+from lidcam.run.job import ALL_OPTIONS, FilePath, Job, PathOrUrl, RigSource, Settings, locations, make_job
 from lidcam.run.missing import MissingSensor
-from lidcam.run.options import JobOptions
+from lidcam.run.options import JobOptions, SharedOptions, with_job_keywords
 from lidcam.run.summary import DropCount, RunSummary, UnusedTopic
 from lidcam.run.tally import RunProgress
 from lidcam.run.warning import RunWarning
 from lidcam.writers.tables.objects import Objects
 
 __all__ = [
+    "BatchResult",
     "Boxes2D",
     "Boxes3D",
     "CalibrationError",
     "CombinedCloud",
+    "ComparedResults",
     "Config",
     "ConfigError",
     "Detections",
     "DropCount",
     "Evaluation",
+    "Exported",
+    "Found2D",
+    "Found3D",
     "Frame",
     "FrameError",
     "FrameResult",
@@ -66,7 +86,9 @@ __all__ = [
     "Inspection",
     "Job",
     "JobOptions",
+    "JobRecord",
     "LidcamError",
+    "LineCount",
     "Loss",
     "Matches",
     "MessageError",
@@ -91,12 +113,18 @@ __all__ = [
     "RunWarning",
     "SensorBundle",
     "SensorFault",
+    "SharedOptions",
+    "SiteMap",
     "UnusedTopic",
     "UsedSettings",
     "__version__",
+    "batch",
+    "compare",
     "decode_clouds",
     "decode_images",
     "evaluate",
+    "export",
+    "fetch",
     "inspect",
     "iter_frames",
     "load",
@@ -106,11 +134,23 @@ __all__ = [
     "open_recording",
     "process",
     "process_recording",
+    "report",
+    "sample",
+    "simulate",
 ]
 
 __version__ = version("lidcam")
 
 
+def sample() -> Path:
+    """The sample recording that comes with lidcam: 2 s of a model crossing, three lidars and eight cameras, simulated.
+
+    It is read where it stands; outputs go elsewhere.
+    """
+    return SAMPLE
+
+
+@with_job_keywords(*ALL_OPTIONS)
 def process(
     recording: PathOrUrl | Sequence[PathOrUrl],
     output: FilePath | Sequence[FilePath] | None = None,
@@ -127,7 +167,10 @@ def process(
             film), .html (a page) beside an .mcap; None writes none.
         on_frame: Called with each frame, in order, once its tracks are known.
         progress: Show a progress bar, below the cell of a notebook or on a terminal.
-        **options: See `JobOptions`.
+        **options: Those of [`SharedOptions`][lidcam.api.SharedOptions] and [`JobOptions`][lidcam.api.JobOptions].
+
+    Returns:
+        The objects of all frames, and a summary of the run.
 
     Raises:
         LidcamError: the input, the calibration, the settings or an output is at fault; no output is left behind.
@@ -136,7 +179,7 @@ def process(
     with ExitStack() as stack:
         collector = ObjectCollector(on_frame, _progress_bar(stack) if progress else None)
         summary = process_recording(job, collector)
-    return RunResult(summary, collector.objects)
+    return collector.result(summary)
 
 
 def _progress_bar(stack: ExitStack) -> RunObserver:
@@ -145,17 +188,95 @@ def _progress_bar(stack: ExitStack) -> RunObserver:
     return ShownProgress(stack, whatever_is_logged=True)
 
 
+@with_job_keywords(*ALL_OPTIONS)
 def iter_frames(
     recording: PathOrUrl | Sequence[PathOrUrl], **options: Unpack[JobOptions]
 ) -> Generator[Frame, None, None]:
-    """The frames of a recording, one by one, without writing anything; options as in `process`.
+    """The frames of a recording, one by one, without writing anything.
 
     With offline tracks (`track.mode`) the first frame comes once `track.window_s` of the recording have been read.
+    Leaving the loop closes the recording.
+
+    Args:
+        recording: Path or URL; several for a recording that was split, in their order.
+        **options: Those of [`SharedOptions`][lidcam.api.SharedOptions] and [`JobOptions`][lidcam.api.JobOptions].
 
     Raises:
         LidcamError: the input, the calibration or the settings are at fault.
     """
     return frames_of(make_job(recording, **options))
+
+
+@with_job_keywords(*SharedOptions.__annotations__)
+def batch(
+    recordings: str | Sequence[str],
+    output: PathOrUrl,
+    *,
+    jobs: int | None = None,
+    engine: Literal["local", "ray"] = "local",
+    address: str | None = None,
+    rerun: bool = False,
+    report: bool = False,
+    objects: bool = False,
+    video: bool = False,
+    save_matches: bool = False,
+    overwrite: bool = False,
+    fail_fast: bool = False,
+    progress: bool = False,
+    **options: Unpack[SharedOptions],
+) -> BatchResult:
+    """Process many recordings, each in a process of its own: one result each, and a table of all.
+
+    A second call processes only what is missing or changed: recording, settings, rig, network or version. If one
+    recording fails, the others go on.
+
+    Args:
+        recordings: Recordings, folders (also s3://bucket/folder), patterns ('logs/*.bag'), URLs, or '@list.txt' with
+            one of these per line.
+        output: Folder for the results; may be s3://bucket/folder.
+        jobs: Recordings at once. Default: as many as cores and memory allow.
+        engine: Processes on this machine, or Ray tasks (extra ray).
+        address: Ray cluster, HOST:PORT or auto. Default: start Ray on this machine.
+        rerun: Also write Rerun recordings.
+        report: Also write pages about the results.
+        objects: Also write Parquet tables of the objects.
+        video: Also write films (extra video).
+        save_matches: Also write folders with an image of each camera and frame.
+        overwrite: Reprocess results that are up to date, and overwrite other files.
+        fail_fast: Start no other recording after one that failed.
+        progress: Show a progress bar, below the cell of a notebook or on a terminal.
+        **options: Those of [`SharedOptions`][lidcam.api.SharedOptions].
+
+    Returns:
+        What became of each recording; the same is in the table `_jobs.parquet` of the folder.
+
+    Raises:
+        LidcamError: the settings, the rig or the folder are at fault, or there are no recordings. What is wrong with a
+            recording is in its record.
+    """
+    from lidcam.batches.start import WatchBatch, not_watched, process_batch  # with pyarrow
+
+    watch: WatchBatch = not_watched
+    if progress:
+        from lidcam.cli.printing.batch import shown_batch
+
+        watch = shown_batch
+    wanted = {"--rerun": rerun, "--report": report, "--objects": objects, "--video": video}
+    (place,) = locations(output)
+    done = process_batch(
+        [recordings] if isinstance(recordings, str) else recordings,
+        place,
+        jobs=jobs,
+        engine=engine,
+        address=address,
+        outputs=[option for option, is_wanted in wanted.items() if is_wanted],
+        save_matches=save_matches,
+        overwrite=overwrite,
+        fail_fast=fail_fast,
+        watch=watch,
+        **options,
+    )
+    return ShownBatch.of(done)
 
 
 def inspect(
@@ -165,7 +286,16 @@ def inspect(
     settings: Settings = (),
     rig: RigSource | None = None,
 ) -> Inspection:
-    """The contents of a recording, and what lidcam would use of them; arguments as in `process`.
+    """The contents of a recording, and what lidcam would use of them.
+
+    Args:
+        recording: Path or URL; several for a recording that was split, in their order.
+        config: As in `process`.
+        settings: As in `process`.
+        rig: As in `process`.
+
+    Returns:
+        Topics, sensors with their calibration, faults and warnings.
 
     Raises:
         LidcamError: the recording cannot be opened or is empty, or the settings or the rig are at fault.
@@ -179,7 +309,8 @@ def load(result: FilePath) -> RunResult:
     Raises:
         RecordingError: it cannot be read, or is no result of lidcam.
     """
-    return RunResult(*load_result(Path(result)))
+    path = Path(result)
+    return RunResult(*load_result(path), partial(read_site_map, path))
 
 
 def evaluate(
@@ -205,6 +336,9 @@ def evaluate(
         config: A preset or a YAML file to take the section `evaluate` from, instead of the result's.
         settings: Single settings by key, of the sections that an evaluation reads: `{"evaluate.max_range_m": 40}`.
 
+    Returns:
+        All figures by name, and the requirements that are not met.
+
     Raises:
         RequirementError: a requirement cannot be parsed, or names an unknown figure.
         LidcamError: the result, the truth, the rig or the settings are at fault.
@@ -220,6 +354,175 @@ def evaluate(
             settings=settings,
         )
     )
+
+
+def compare(
+    first: FilePath,
+    second: FilePath,
+    *,
+    config: Config | FilePath | None = None,
+    settings: Settings = (),
+    only: Sequence[str] = (),
+    allow: Sequence[str] = (),
+    max_different_percent: float = 0.0,
+) -> ComparedResults:
+    """Compare two results, object by object.
+
+    Args:
+        first: The .mcap file that a run wrote, A.
+        second: Another one, of the same recording or scene, B.
+        config: Settings whose `compare` tolerances (m, degrees, pixels) are used.
+        settings: Single settings by key: `{"compare.yaw_deg": 5}`.
+        only: Sources (fused, lidar, cameras) and cameras to compare. Default: all.
+        allow: Kinds of difference to allow, by any amount: lost, new, moved, turned, resized, relabelled, rescored,
+            reidentified (objects) or frames (of one result alone).
+        max_different_percent: Share of objects, and of frames, that may differ, 0 to 100.
+
+    Returns:
+        The differences; `failures` lists what differs more than is allowed.
+
+    Raises:
+        LidcamError: a result cannot be read, they are of two sites, or a setting or name is at fault.
+    """
+    check_effect([*as_texts(settings)], COMPARING)
+    tolerances = load_config(config, settings).compare
+    return compare_results(
+        Path(first),
+        Path(second),
+        tolerances,
+        only=only,
+        allow=allow,
+        max_different_percent=max_different_percent,
+    )
+
+
+def export(
+    results: FilePath | Sequence[FilePath],
+    output: FilePath,
+    *,
+    format: DatasetFormat,
+    only: Literal["confirmed"] | None = None,
+    every: int = 1,
+    camera: str = "",
+    truth: PathOrUrl | Sequence[PathOrUrl] = (),
+) -> Exported:
+    """Write results as a data set: clouds, images, calibration, boxes.
+
+    Labels are the ground truth if there is any, else lidcam's objects, which are always written as scored detections,
+    too.
+
+    Args:
+        results: The .mcap files that runs wrote, one scene each, with different names.
+        output: Folder, which is empty or does not exist.
+        format: Layout of the data set.
+        only: `confirmed`: only objects that a camera confirms.
+        every: Every Nth frame only.
+        camera: Camera for KITTI's image_2. Default: the first with images.
+        truth: Ground truth: a recording with truth topics, or labels. Default: the topics copied into the results.
+
+    Returns:
+        Number of frames and objects, and what was left out and why.
+
+    Raises:
+        LidcamError: a result cannot be read or has not what the format needs, or the folder cannot be written.
+    """
+    if every < 1:
+        raise ConfigError(f"every: expected 1 or more, found {every}")
+    options = ExportOptions(confirmed=only == "confirmed", every=every, camera=camera, truth=locations(truth))
+    paths = [results] if isinstance(results, str | PathLike) else results
+    return export_results([Path(path) for path in paths], Path(output), format, options)
+
+
+def report(result: FilePath, output: FilePath | None = None, *, overwrite: bool = False) -> Path:
+    """Write a page about a result: one HTML file that opens in any browser, offline.
+
+    Args:
+        result: The .mcap file that a run wrote.
+        output: The page. Default: beside the result, with the ending .html.
+        overwrite: Overwrite a file that is no such page (never the result).
+
+    Returns:
+        The page.
+
+    Raises:
+        LidcamError: the result cannot be read, or the page cannot be written.
+    """
+    from lidcam.outputs.report.make import write_page  # with rich
+
+    page = Path(result).with_suffix(".html") if output is None else Path(output)
+    write_page(Path(result), page, overwrite=overwrite)
+    return page
+
+
+def simulate(
+    scenario: str,
+    output: FilePath,
+    *,
+    format: Literal["ros1", "sqlite3", "mcap"] | None = None,
+    duration_s: float | None = None,
+    seed: int | None = None,
+    family: Literal["sandbox", "crossing", "road"] | None = None,
+    errors: bool | None = None,
+    settings: Settings = (),
+    overwrite: bool = False,
+    workers: int | None = None,
+) -> Path:
+    """Record a simulated scene: lidars, cameras, and ground truth. Needs the extra sim.
+
+    Args:
+        scenario: sandbox, crossing, vehicle, random, or a YAML file.
+        output: The recording: .bag, .mcap, or a folder (sqlite3).
+        format: Its format. Default: by the ending of its name.
+        duration_s: Seconds to record. Default: the scenario's.
+        seed: Seed of the noise, and of a random scenario. Default: the scenario's.
+        family: Family of worlds that `random` draws from. Default: road.
+        errors: Sensors with small errors, or none. Default: errors for `random` only.
+        settings: Single values of the scenario by key: `{"lidars.*.firing_stride": 4}`.
+        overwrite: Overwrite a file that is no simulated recording.
+        workers: Sensors simulated at once; does not change the recording. Default: one per core.
+
+    Returns:
+        The recording.
+
+    Raises:
+        LidcamError: the simulator is not installed, there is no such scenario, a value does not fit, or the recording
+            cannot be written.
+    """
+    from lidcam.simulation import simulate_recording
+
+    simulate_recording(
+        scenario,
+        Path(output),
+        format=format,
+        duration_s=duration_s,
+        seed=seed,
+        family=family,
+        errors=errors,
+        settings=[*as_texts(settings)],
+        overwrite=overwrite,
+        workers=workers,
+    )
+    return Path(output)
+
+
+def fetch(name: NetworkName) -> Path:
+    """Download a 2D network from its publisher, once; later calls give the file that is there.
+
+    From then on it runs by default in recordings with images and no 2D boxes. Its licence is Apache-2.0.
+
+    Args:
+        name: yolox-nano, yolox-tiny or yolox-s.
+
+    Returns:
+        The ONNX file, in your data folder.
+
+    Raises:
+        ModelError: the name is unknown, or the server cannot be reached or gives another file.
+        OutputError: the file cannot be written.
+    """
+    if name not in NETWORKS:
+        raise ModelError(f"fetch: expected {', '.join(NETWORKS)}, found {name!r}")
+    return network_path(Path(name)) if is_fetched(name) else fetch_network(name)
 
 
 def open_recording(recording: PathOrUrl | Sequence[PathOrUrl]) -> Recording:

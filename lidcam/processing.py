@@ -22,7 +22,7 @@ from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
 from lidcam.outputs.open import how_to_open, make_pages, open_outputs, open_writers, written_files
 from lidcam.outputs.provenance import input_files, provenance_of, read_named_files
 from lidcam.outputs.writers import drawn_scenes
-from lidcam.pipeline.core.errors import RecordingError, short_memory_told
+from lidcam.pipeline.core.errors import ConfigError, RecordingError, short_memory_told
 from lidcam.pipeline.core.frame import FrameResult, SensorBundle
 from lidcam.pipeline.parallel.cores import usable_cores
 from lidcam.pipeline.parallel.process import WorkerProcess, copied_workers
@@ -152,7 +152,7 @@ def opened(job: Job) -> Iterator["Run"]:
         drops = DropTable(job.on_bad_message)
         drawn = choose_drawn(recording, copied)
         frames = truth_frames(recording, copied, found, config)
-        source = RunInput(recording, found.rig, config, motion, window, used, copied, drawn, frames)
+        source = RunInput(recording, found.rig, config, motion, window, used, copied, drawn, frames, job.given)
         run = Run(source, found, drops)
         with run.workers_started():
             yield run
@@ -170,7 +170,7 @@ class Run:
         started = time.perf_counter()
         reference_topic(source.config, source.rig)
         known = KnownBoxes()
-        self._workers = source.config.run.workers or usable_cores()
+        self._workers = _workers(source)
         source = corrected_by_recording(source, known, self._workers)
         first_look_s = time.perf_counter() - started
         self.source, self.found = source, found
@@ -190,7 +190,7 @@ class Run:
             ),
             DoubtedCheck(source.config, has_2d_boxes=box_source(source.config, source.rig) != "none"),
         )
-        self._make_graph = partial(build_graph, source.config, source.rig, known, on_bad=drops.on_bad)
+        self._make_graph = partial(build_graph, source.config, source.rig, known, source.given, on_bad=drops.on_bad)
         self._graph, self._result = self._make_graph()
         self._graph.seconds = {"first look": first_look_s, "read": 0.0, **self._graph.seconds}
         self._tracker = object_tracker(decided(source.config, source.rig), source.rig)
@@ -238,7 +238,7 @@ class Run:
                 bundle, objects = frame.bundle, len(frame.fused.objects)
                 facts = bundle.index, bundle.stamp_ns, len(bundle.messages), objects
                 logger.debug("frame %d, %d ns: %d topics, %d objects", *facts)
-                yield Frame.of(frame, scenes)
+                yield Frame.of(frame, scenes, self.source.rig, self.source.config.object_names)
         self._seconds += time.perf_counter() - started
         if self._tally.frames == 0:
             raise RecordingError(no_frames(self.source, self._drops))
@@ -339,6 +339,22 @@ class Run:
             if drop.topic not in motion_topics:
                 for _ in range(count):
                     self._drops.count_bad(drop)
+
+
+def _workers(source: RunInput) -> int:
+    """Most processes of a run.
+
+    Raises:
+        ConfigError: several are asked for, and the caller's functions cannot be sent to them.
+    """
+    wanted = source.config.run.workers
+    reason = "" if wanted == 1 else source.given.unsendable
+    if not reason:
+        return wanted or usable_cores()
+    if wanted:
+        raise ConfigError(f"{reason}, or set workers to 1")
+    logger.warning("%s; until then, one process does all the work", reason)
+    return 1
 
 
 def _share(recording: Recording, log_time_ns: int) -> float:

@@ -1,7 +1,6 @@
 """The command `lidcam batch`."""
 
-import subprocess
-import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, Unpack
 
@@ -11,11 +10,10 @@ from lidcam.cli.options import AsJson, with_job_options, with_log_options
 from lidcam.cli.printing.log import is_verbose, remark_log
 from lidcam.cli.verdict import Verdict
 from lidcam.readers.location import location
-from lidcam.run.options import JobOptions
+from lidcam.run.options import SharedOptions
 
 if TYPE_CHECKING:
-    from lidcam.batch.engine import Engine
-    from lidcam.batch.records import JobRecord
+    from lidcam.batches.records import JobRecord
 
 # \b keeps the lines of a paragraph as they are.
 BATCH_EXAMPLES = """\b
@@ -29,15 +27,8 @@ Examples:
 """
 
 
-COMPILE = "import lidcam.processing"
-"""Run once, before many processes begin, in a process of its own, so that this one stays small."""
-
-
 @with_log_options
-@with_job_options(
-    "config", "settings", "rig", "model_2d", "model_3d", "start_s", "duration_s", "every", "workers", "on_bad_message",
-    "copy_topics",
-)  # fmt: skip
+@with_job_options(*SharedOptions.__annotations__)
 def batch(
     recordings: Annotated[
         list[str],
@@ -75,7 +66,7 @@ def batch(
         bool, typer.Option("--fail-fast", help="Start no other recording after one that failed.")
     ] = False,
     as_json: AsJson = False,
-    **options: Unpack[JobOptions],
+    **options: Unpack[SharedOptions],
 ) -> None:
     """Process many recordings: one result each, and a table of all.
 
@@ -83,62 +74,38 @@ def batch(
     """
     from dataclasses import asdict
 
-    from lidcam.batch.jobs import find_jobs
-    from lidcam.batch.local import jobs_that_fit
-    from lidcam.batch.run import MATCHES, BatchOptions, run_batch
-    from lidcam.batch.store import Store
-    from lidcam.batch.table import TABLE, records_table
+    from lidcam.batches.start import process_batch
     from lidcam.cli.printing.batch import print_batch, shown_batch
     from lidcam.cli.printing.terminal import console, show_json
-    from lidcam.outputs.registry import endings_of
-    from lidcam.pipeline.parallel.cores import usable_cores
-    from lidcam.run.job import make_job
 
     if address is not None and engine != "ray":
         raise typer.BadParameter("expected --engine ray with it", param_hint="--address")
     place = location(out)
     if matches and not isinstance(place, Path):
         raise typer.BadParameter("images are written to a local folder", param_hint="--save-matches")
-    found = find_jobs(recordings, place)
-    at_once = min(jobs or jobs_that_fit(len(found)), len(found))
-    cores = options.get("workers") or (1 if address else max(usable_cores() // at_once, 1))
-    # Settings, rig and network are checked once, before any recording is read.
-    options["overwrite"], options["workers"] = reprocess, cores
-    job = make_job((), **options)
-    switches = {
-        "--rerun": rerun,
-        "--report": report,
-        "--objects": objects,
-        "--video": video,
-        "--save-matches": matches,
-    }
-    endings = [endings_of(option)[0] or MATCHES for option, is_wanted in switches.items() if is_wanted]
-    store = Store(place)
-    subprocess.run([sys.executable, "-c", COMPILE], check=False)
-    with shown_batch(found) as told:
-        records = run_batch(
-            found,
-            BatchOptions(place, job, endings, fail_fast=fail_fast),
-            _engine(engine, jobs if address else at_once, cores, address),
-            told,
-        )
+    switches = {"--rerun": rerun, "--report": report, "--objects": objects, "--video": video}
+    done = process_batch(
+        recordings,
+        place,
+        jobs=jobs,
+        engine=engine,
+        address=address,
+        outputs=[option for option, is_wanted in switches.items() if is_wanted],
+        save_matches=matches,
+        overwrite=reprocess,
+        fail_fast=fail_fast,
+        watch=shown_batch,
+        **options,
+    )
     if as_json:
-        show_json(console(), {"jobs": [asdict(record) for record in records]})
+        show_json(console(), {"jobs": [asdict(record) for record in done.records]})
     else:
-        print_batch(console(), records, everything=is_verbose())
-    store.keep_table(records_table(records))
-    remark_log.info("wrote %s/%s", str(place).rstrip("/"), TABLE)
-    _verdict(records, len(found)).end()
+        print_batch(console(), done.records, everything=is_verbose())
+    remark_log.info("wrote %s", done.table)
+    _verdict(done.records, done.count).end()
 
 
-def _engine(name: str, jobs: int | None, cores: int, address: str | None) -> "Engine":
-    from lidcam.batch.local import LocalEngine
-    from lidcam.batch.ray import RayEngine
-
-    return RayEngine(jobs, cores, address) if name == "ray" else LocalEngine(jobs or 1)
-
-
-def _verdict(records: "list[JobRecord]", count: int) -> Verdict:
+def _verdict(records: "Sequence[JobRecord]", count: int) -> Verdict:
     failed = [record for record in records if record.state == "failed"]
     others = [f"{record.name}: {record.message}" for record in records if record.state in {"incomplete", "busy"}]
     if not failed:

@@ -7,12 +7,10 @@ from typing import Annotated
 
 import typer
 
-import lidcam.bags
+from lidcam.bags import SAMPLE
 from lidcam.cli.options import Overwrite, with_log_options
 from lidcam.cli.process import made_folder, run_process
 from lidcam.pipeline.core.errors import OutputError
-
-SAMPLE = Path(lidcam.bags.__file__).with_name("sandbox.bag")
 
 
 @with_log_options

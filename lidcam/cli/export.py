@@ -41,19 +41,13 @@ def export(
     too.
     """
     from lidcam.cli.printing.progress import show_progress
-    from lidcam.outputs.allowed import Replaceable, check_no_input, check_replaced
     from lidcam.outputs.export.export import export_results
     from lidcam.outputs.export.scene import ExportOptions
     from lidcam.run.job import locations
-    from lidcam.writers.outputs.transaction import OutputTransaction
 
     given = tuple(locations(truth or ()))
     options = ExportOptions(confirmed=only is not None, every=every, camera=camera, truth=given)
-    check_no_input([out], [*results, *given])
-    empty = Replaceable(lambda path: not any(path.iterdir()), "exists and is not empty", only_own=True)
-    check_old = check_replaced(lambda _: empty, overwrite=False)
-    with OutputTransaction([out], folders=[out], check_old=check_old) as outputs:
-        done = export_results(results, outputs[out], format_name, options, show_progress)
+    done = export_results(results, out, format_name, options, show_progress)
     for line in done.remarks:
         remark_log.info("%s", line)
     labels = "" if done.true_objects is None else f", {done.true_objects} ground-truth objects"

@@ -12,7 +12,7 @@ import typer
 
 from lidcam.cli.printing.log import Verbosity, configure_logging
 from lidcam.pipeline.core.errors import ConfigError
-from lidcam.run.options import JobOptions, attribute_docs
+from lidcam.run.options import OPTION_DOCS, JobOptions
 
 logger = logging.getLogger(__name__)
 
@@ -77,7 +77,7 @@ CHECKS: dict[str, Callable[[Any], Any]] = {"start_s": seconds, "duration_s": dur
 def job_option(name: str) -> Any:
     """The command-line option of a keyword of `JobOptions`."""
     cli = JobOptions.__annotations__[name].__metadata__[0]
-    text = attribute_docs(JobOptions)[name] + " May be repeated." * (cli.type == list[str])
+    text = OPTION_DOCS[name] + " May be repeated." * (cli.type == list[str])
     return typer.Option(
         cli.name,
         metavar=cli.metavar,

@@ -30,7 +30,7 @@ from lidcam.outputs.registry import endings_of
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from lidcam.readers.location import ENDINGS, Location, location, recording_stem
-from lidcam.run.options import JobOptions
+from lidcam.run.options import CLI_OPTIONS, JobOptions
 
 if TYPE_CHECKING:
     from lidcam.evaluation.evaluation import Evaluation
@@ -60,7 +60,7 @@ Examples:
 
 
 @with_log_options
-@with_job_options(*JobOptions.__annotations__)
+@with_job_options(*CLI_OPTIONS)
 def process(
     paths: Annotated[
         list[str],

@@ -27,12 +27,8 @@ def report(
     One file that opens in any browser, offline. `lidcam process --report OUT.html` writes the same.
     """
     from lidcam.cli.printing.progress import show_progress
-    from lidcam.outputs.allowed import PAGE, check_no_input, check_replaced
-    from lidcam.outputs.report.make import make_page
-    from lidcam.writers.outputs.transaction import OutputTransaction
+    from lidcam.outputs.report.make import write_page
 
     page = out or result.with_suffix(".html")
-    check_no_input([page], [result])
-    with OutputTransaction([page], check_old=check_replaced(lambda _: PAGE, overwrite=overwrite)) as outputs:
-        outputs[page].write_text(make_page(result, show_progress))
+    write_page(result, page, overwrite=overwrite, show=show_progress)
     remark_log.info("wrote %s", page)

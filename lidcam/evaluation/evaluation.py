@@ -49,7 +49,7 @@ def make_evaluation_job(
     """
     required = [requirements] if isinstance(requirements, str | Requirement) else [*requirements]
     texts = [one for one in required if isinstance(one, str)]
-    given = tuple(_as_texts(settings))
+    given = tuple(as_texts(settings))
     check_effect(given, EVALUATING)
     return EvaluationJob(
         Path(result),
@@ -79,12 +79,13 @@ def _read_rig(rig: RigSource | None) -> RigFile | None:
 def _of_config(config: FilePath | None) -> Iterator[str]:
     """The section `evaluate` of a file, setting by setting."""
     if config is not None:
-        yield from _as_texts(
+        yield from as_texts(
             {f"evaluate.{key}": value for key, value in load_config(config).evaluate.model_dump(mode="json").items()}
         )
 
 
-def _as_texts(settings: Settings) -> Iterator[str]:
+def as_texts(settings: Settings) -> Iterator[str]:
+    """Single settings as the command line takes them, `a.b=c`."""
     if isinstance(settings, Mapping):
         for key, value in settings.items():
             yield f"{key}={json.dumps(value)}"  # JSON is YAML

@@ -1,24 +1,25 @@
-"""Runs and inspections in notebooks: tables, a plot of the tracks, a viewer."""
+"""Runs and inspections to work on: tables, plots, a viewer."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from importlib import import_module
-from typing import Any, Self
+from typing import Any, Literal, Self, get_args
 
-import numpy as np
-
+from lidcam.batches.result import BatchResult
 from lidcam.inspection import Inspection
+from lidcam.notebook.counting import Line, LineCount, count_lines
+from lidcam.notebook.plots import installed, plot_counts, plot_speeds, plot_tracks
+from lidcam.notebook.site_map import MakeMap, MapCollector, no_map
 from lidcam.pipeline.core.arrays import join_rows
-from lidcam.pipeline.core.errors import LidcamError
+from lidcam.pipeline.core.errors import ConfigError, LidcamError
 from lidcam.pipeline.core.text import brief
-from lidcam.pipeline.core.tracks import NO_TRACK
 from lidcam.processing import RunObserver
 from lidcam.run.frame import Frame
 from lidcam.run.frames import RunInput
 from lidcam.run.summary import DropCount, RunSummary
 from lidcam.run.tally import RunProgress
-from lidcam.writers.palette import class_color
 from lidcam.writers.tables.objects import Objects
+
+SpeedUnits = Literal["km/h", "m/s"]
 
 
 class ShownInspection(Inspection):
@@ -38,17 +39,42 @@ class ShownInspection(Inspection):
         return printed_html(lambda out: print_inspection(out, self))
 
 
+class ShownBatch(BatchResult):
+    """A batch that `print` and a notebook show as `lidcam batch` does."""
+
+    __slots__ = ()
+
+    @classmethod
+    def of(cls, done: BatchResult) -> Self:
+        """The same batch."""
+        return cls(done.records, done.count, done.table)
+
+    def __str__(self) -> str:
+        from lidcam.cli.printing.batch import print_batch
+        from lidcam.cli.printing.terminal import printed_text
+
+        return printed_text(lambda out: print_batch(out, self.records))
+
+    def _repr_html_(self) -> str:
+        from lidcam.cli.printing.batch import print_batch
+        from lidcam.cli.printing.terminal import printed_html
+
+        return printed_html(lambda out: print_batch(out, self.records))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RunResult:
-    """A finished run.
+    """A finished run. `print` shows it in short, a notebook as the command line does.
 
     Attributes:
         summary: Counts, drops, calibration, times.
         objects: The fused objects of all frames.
+        make_map: Gives the map that `plot` draws on.
     """
 
     summary: RunSummary
     objects: Objects
+    make_map: MakeMap = no_map
 
     __repr__ = brief
 
@@ -62,6 +88,12 @@ class RunResult:
         """Messages that were not used, by topic and reason."""
         return self.summary.drops.messages
 
+    def __str__(self) -> str:
+        from lidcam.cli.printing.run import print_summary
+        from lidcam.cli.printing.terminal import printed_text
+
+        return printed_text(lambda out: print_summary(out, self.summary))
+
     def _repr_html_(self) -> str:
         """For notebooks: the summary that the command line prints."""
         from lidcam.cli.printing.run import print_summary
@@ -69,37 +101,74 @@ class RunResult:
 
         return printed_html(lambda out: print_summary(out, self.summary))
 
-    def plot(self, axes: Any = None) -> Any:
-        """Plot all tracks from above, by class, in the site frame; objects without a track are dots.
+    def count_lines(self, lines: Mapping[str, Line]) -> tuple[LineCount, ...]:
+        """Count the road users that cross lines, each once, by class and direction.
+
+        Args:
+            lines: By name, the two ends ((x, y), (x, y)) of each, metres, in the frame that `plot` shows: the site
+                frame, or a fixed one if the sensors moved.
+
+        Raises:
+            ConfigError: a line is none.
+        """
+        return count_lines(self.objects, self.make_map().places(self.objects), lines)
+
+    def plot(self, axes: Any = None, *, lines: Mapping[str, Line] | None = None) -> Any:
+        """Plot all tracks from above, in the colours of their classes, over the points of the lidars.
+
+        A dot is where a track was last. If the sensors moved, tracks are in the fixed frame of their recorded motion,
+        or of the motion that the clouds show; where neither is known, as in a result that was loaded, they are as seen
+        from the sensors.
 
         Args:
             axes: matplotlib axes to draw on; None makes a figure.
+            lines: Lines to draw, as for `count_lines`; the name of each stands at its first end.
 
         Returns:
-            The axes.
+            The matplotlib axes.
 
         Raises:
             LidcamError: matplotlib is not installed.
         """
-        objects, rig = self.objects, self.summary.sensors.rig
-        axes = axes or _installed("matplotlib.pyplot", "run.plot()").subplots(figsize=(8, 8))[1]
-        for zone in rig.counted_zones:
-            outline = np.concatenate([zone.polygon_site, zone.polygon_site[:1]])
-            axes.plot(*outline.T, color="0.7", linewidth=0.8, zorder=0)
-        for class_id in np.unique(objects.class_ids).tolist():
-            own = objects.select(objects.class_ids == class_id)
-            style: dict[str, Any] = {"color": class_color(class_id), "label": objects.class_names[class_id]}
-            for number in np.unique(own.tracks).tolist():
-                xy = own.centers[own.tracks == number, :2]
-                drawn = {"linestyle": "", "marker": "."} if number == NO_TRACK else {"marker": ".", "markevery": [-1]}
-                axes.plot(*xy.T, **style, **drawn)
-                style.pop("label", None)
-        axes.set_aspect("equal", adjustable="datalim")
-        moves = ", which moves" if self.summary.sensors.motion_topics else ""
-        axes.set(xlabel="x (m)", ylabel="y (m)", title=f"frame {objects.frame_id}{moves}: {len(objects)} objects")
-        if len(objects):
-            axes.legend()
-        return axes
+        return plot_tracks(self.objects, self.make_map(), self.summary.sensors.rig, lines or {}, axes)
+
+    def plot_speeds(self, axes: Any = None, *, units: SpeedUnits = "km/h") -> Any:
+        """Plot how many road users were how fast over the ground: the median speed of each that moved, by class.
+
+        The title says how many stood: slower than 0.3 m/s in every frame.
+
+        Args:
+            axes: matplotlib axes to draw on; None makes a figure.
+            units: Of the speeds.
+
+        Returns:
+            The matplotlib axes.
+
+        Raises:
+            LidcamError: matplotlib is not installed, or `units` are others.
+        """
+        if units not in get_args(SpeedUnits):
+            raise ConfigError(f"units: expected {' or '.join(get_args(SpeedUnits))}, found {units!r}")
+        return plot_speeds(self.objects, axes, km_h=units == "km/h")
+
+    def plot_counts(self, axes: Any = None, *, lines: Mapping[str, Line] | None = None) -> Any:
+        """Plot how many road users there were, in all, in each zone, and across lines in each direction, by class.
+
+        Args:
+            axes: matplotlib axes to draw on; None makes a figure.
+            lines: Lines whose crossings are counted, as for `count_lines`.
+
+        Returns:
+            The matplotlib axes.
+
+        Raises:
+            LidcamError: matplotlib is not installed, a line is none, or nothing was tracked.
+        """
+        users = self.summary.road_users
+        if users is None:
+            raise LidcamError("run.plot_counts(): expected tracks, found a run without them (track.mode none)")
+        lines = lines or {}
+        return plot_counts(users, lines, self.count_lines(lines), self.objects.class_names, axes)
 
     def show(self, *, height: int = 600) -> None:
         """Show the .rrd among the outputs of the run in Rerun's viewer, in a notebook.
@@ -113,7 +182,7 @@ class RunResult:
         recordings = [path for path in self.summary.outputs if path.suffix == ".rrd"]
         if not recordings:
             raise LidcamError('run.show(): expected an .rrd among the outputs of the run: process(..., ["out.rrd"])')
-        _installed("rerun_notebook", "run.show()")
+        installed("rerun_notebook", "run.show()")
         import rerun
         from rerun.notebook import Viewer
 
@@ -122,16 +191,8 @@ class RunResult:
         rerun.log_file_from_path(recordings[0], recording=stream)
 
 
-def _installed(package: str, wanted_by: str) -> Any:
-    try:
-        return import_module(package)
-    except ImportError as err:
-        name = package.partition(".")[0].replace("_", "-")
-        raise LidcamError(f"{wanted_by} needs {name}, which is not installed: pip install 'lidcam[notebook]'") from err
-
-
 class ObjectCollector(RunObserver):
-    """Gathers the objects of a run; memory grows with their number, by about 250 bytes each."""
+    """Gathers the objects and the map of a run; memory grows by about 250 bytes an object, and 130 a frame."""
 
     def __init__(self, on_frame: Callable[[Frame], None] | None = None, progress: RunObserver | None = None) -> None:
         """Gather objects; `on_frame` is called with each frame, and `progress` observes the run, too."""
@@ -141,13 +202,13 @@ class ObjectCollector(RunObserver):
 
     def opened(self, source: RunInput) -> None:
         """Take over the sensors, with the zones, and the names of the classes."""
-        self._rig, self._class_names = source.rig, source.config.object_names
-        self._frames = [Objects.empty(source.rig, source.config.object_names)]
+        self._frames, self._map = [Objects.empty(source.rig, source.config.object_names)], MapCollector(source)
         self._progress.opened(source)
 
     def frame(self, result: Frame) -> None:
         """Take over the objects of one frame."""
-        self._frames.append(Objects.of_frame(result, self._rig, self._class_names))
+        self._frames.append(result.objects)
+        self._map.add_frame(result)
         if self._on_frame is not None:
             self._on_frame(result)
 
@@ -159,3 +220,7 @@ class ObjectCollector(RunObserver):
     def objects(self) -> Objects:
         """The objects of the frames so far; the recording has to be open, or to have been."""
         return join_rows(*self._frames)
+
+    def result(self, summary: RunSummary) -> RunResult:
+        """The run that has ended with this summary."""
+        return RunResult(summary, self.objects, self._map.site_map)

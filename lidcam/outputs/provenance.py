@@ -56,6 +56,7 @@ def input_files(source: RunInput, named: Mapping[str, InputFile], *, is_written:
 def provenance_of(job: Job, source: RunInput, inputs: InputFiles, summary: Callable[[], RunSummary]) -> Provenance:
     """The origin of the results of a job; `summary` gives that of the run, at its end."""
     named = {f"{key}.name": file.name for key, file in inputs.named.items()}
+    named |= {f"{key}.name": name for key, name in job.given.names.items()}
     if "network" in inputs.named:
         named["network.provider"] = source.config.detect2d.provider
     return Provenance(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from lidcam.pipeline.core.errors import ConfigError, OutputError, RecordingError
 from lidcam.readers.messages.image import decode_any_image
-from lidcam.run.box_sources import box_source
+from lidcam.run.box_sources import detects_in_images
 from lidcam.run.frames import RunInput
 from lidcam.run.job import Job
 from lidcam.writers.base import ResultWriter
@@ -91,7 +91,7 @@ def open_matches(opening: Opening) -> ResultWriter:
 
 def _check_images(opening: Opening) -> None:
     rig, config = opening.source.rig, opening.source.config
-    if rig.cameras and not config.output.images and box_source(config, rig) != "onnx":
+    if rig.cameras and not config.output.images and not detects_in_images(config, rig):
         raise ConfigError(f"{opening.path}: needs images: set output.images=true")
 
 

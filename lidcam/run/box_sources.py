@@ -1,9 +1,11 @@
 """The sources of the boxes of a frame: networks, clusters, or the recording."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
+from operator import itemgetter
 from os.path import isfile
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +19,7 @@ from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.cluster.kinds import knows
+from lidcam.pipeline.detectors.given import FindInCloud, FindInImage, GivenDetector2D, GivenDetector3D
 from lidcam.pipeline.detectors.onnx.class_names import COCO_LABELS
 from lidcam.pipeline.detectors.pillars.embedded import EMBEDDED, network_file
 from lidcam.pipeline.graph import Graph, Node
@@ -24,10 +27,13 @@ from lidcam.readers.recording import Recording
 from lidcam.readers.rig.sensor_topics import BOXES, IMAGE
 from lidcam.readers.streams.decoders import ImageDecoder, OnBadMessage, RecordedBoxes
 
-BoxSource = Literal["onnx", "recorded", "none"]
+BoxSource = Literal["onnx", "recorded", "callable", "none"]
 
 DetectInCloud = Callable[[CombinedCloud], Boxes3D]
 DetectInImages = Callable[[Mapping[str, Image], CombinedCloud], Mapping[str, Boxes2D]]
+
+GIVEN = "detector"
+"""Name of the caller's 3D boxes."""
 
 ADVICE = "The cameras are not used. Type `lidcam fetch yolox-nano`, then run this again."
 
@@ -39,15 +45,20 @@ class KnownBoxes:
     Attributes:
         lidar: 3D boxes, by the messages of a frame's lidars.
         cameras: 2D boxes by camera name, by the messages of its lidars and cameras.
+        unused_3d: Boxes of the caller's function beside those of `lidar` that could not be used, by reason.
+        unused_2d: The same beside those of `cameras`.
     """
 
     lidar: dict[object, Boxes3D] = field(default_factory=dict)
     cameras: dict[object, Mapping[str, Boxes2D]] = field(default_factory=dict)
+    unused_3d: dict[object, Mapping[str, int]] = field(default_factory=dict)
+    unused_2d: dict[object, Mapping[str, int]] = field(default_factory=dict)
 
     def keep(self, rig: Rig, frame: FrameResult) -> None:
         """Keep the boxes of a frame."""
-        self.lidar[_messages(frame.bundle, rig.lidars)] = frame.detections.lidar
-        self.cameras[_messages(frame.bundle, rig.lidars, rig.cameras)] = frame.detections.cameras
+        of_lidars, of_all = _messages(frame.bundle, rig.lidars), _messages(frame.bundle, rig.lidars, rig.cameras)
+        self.lidar[of_lidars], self.unused_3d[of_lidars] = frame.detections.lidar, frame.unused_boxes3d
+        self.cameras[of_all], self.unused_2d[of_all] = frame.detections.cameras, frame.unused_boxes
 
     def in_cloud(self, rig: Rig, detect: DetectInCloud, bundle: SensorBundle, combined: CombinedCloud) -> Boxes3D:
         """The 3D boxes of a frame, detected unless they are known."""
@@ -68,6 +79,33 @@ class KnownBoxes:
             return detect(images, combined)
         return {name: replace(boxes, stamp_ns=images[name].stamp_ns) for name, boxes in known.items()}
 
+    def given_in_cloud(
+        self,
+        rig: Rig,
+        detect: DetectInCloud,
+        detector: GivenDetector3D,
+        bundle: SensorBundle,
+        combined: CombinedCloud,
+    ) -> Decoded[Boxes3D]:
+        """The same by a function of the caller, with the boxes of no class."""
+        detector.unused = Counter(self.unused_3d.get(_messages(bundle, rig.lidars), {}))
+        boxes = self.in_cloud(rig, detect, bundle, combined)  # which counts anew unless they are known
+        return Decoded({GIVEN: boxes}, unused_boxes=detector.unused)
+
+    def given_in_images(
+        self,
+        rig: Rig,
+        detect: DetectInImages,
+        detector: GivenDetector2D,
+        bundle: SensorBundle,
+        images: Decoded[Image],
+        combined: CombinedCloud,
+    ) -> Decoded[Boxes2D]:
+        """The same by a function of the caller, with the boxes of no class and the images that cannot be decoded."""
+        detector.unused = Counter(self.unused_2d.get(_messages(bundle, rig.lidars, rig.cameras), {}))
+        boxes = self.in_images(rig, detect, bundle, images, combined)
+        return Decoded(boxes, images.drops, detector.unused)
+
 
 def _messages(bundle: SensorBundle, *sensors: Iterable[LidarSensor | CameraSensor]) -> object:
     """The time of a frame, and the places in the recording of its messages of some sensors."""
@@ -81,9 +119,15 @@ def box_source(config: Config, rig: Rig) -> BoxSource:
     found = {
         "onnx": any(camera.topic for camera in rig.cameras),
         "recorded": any(camera.boxes_topic for camera in rig.cameras),
+        "callable": any(camera.topic for camera in rig.cameras),
         "none": True,
     }
     return wanted if found[wanted] else "none"
+
+
+def detects_in_images(config: Config, rig: Rig) -> bool:
+    """Whether 2D boxes are sought in the images of the cameras."""
+    return box_source(config, rig) in {"onnx", "callable"}
 
 
 def with_network_2d(config: Config, recording: Recording, rig: Rig) -> Config:
@@ -99,7 +143,8 @@ def boxes_2d_words(config: Config, rig: Rig) -> tuple[str, str]:
     """The source of 2D boxes in words, and what to type where cameras lack a network; mostly empty."""
     source, model = box_source(config, rig), str(config.detect2d.model)
     if source != "none":
-        return "as recorded" if source == "recorded" else f"network {Path(model).name}", ""
+        words = {"recorded": "as recorded", "callable": "a function of the caller"}
+        return words.get(source, f"network {Path(model).name}"), ""
     lacks = _may_fetch(config, rig) and any(camera.topic for camera in rig.cameras)
     remedy = "recorded 2D boxes, or a 2D network (lidcam fetch, --model-2d FILE.onnx), enable the cameras"
     return f"none: lidar-only; {remedy}", ADVICE if lacks else ""
@@ -144,6 +189,7 @@ def check_box_source(config: Config, recording: Recording, rig: Rig) -> None:
     expected, needed, remedy = {
         "onnx": ("images for the 2D network", IMAGE, "leave out --model-2d"),
         "recorded": ("recorded 2D boxes", BOXES, "set detect2d.method to auto"),
+        "callable": ("images for detector_2d", IMAGE, "leave it out"),
     }[wanted]
     if not any(info.msgtype in needed and info.message_count for info in recording.topics):
         raise RecordingError(
@@ -158,16 +204,24 @@ def add_boxes3d(
     rig: Rig,
     combined: Node[CombinedCloud],
     known: KnownBoxes,
+    given: FindInCloud | None = None,
     *,
     on_bad: OnBadMessage,
 ) -> tuple[Node[Decoded[Boxes3D]], Node[Boxes3D]]:
-    """The decoded messages of recorded 3D detectors, if they are used, and the frame's 3D boxes."""
+    """The decoded messages of recorded 3D detectors, or what the caller's function gives; the frame's 3D boxes."""
     # Behind the imports of programs that detect nothing.
     from lidcam.pipeline.stages.detect3d import Detect3D, Recorded3D
 
+    has_2d_boxes = box_source(config, rig) != "none"
+    if given is not None:
+        detector = GivenDetector3D(given, config)
+        detect = Detect3D(rig, config, has_2d_boxes=has_2d_boxes, detector=detector)
+        called = partial(known.given_in_cloud, rig, detect, detector)
+        found = graph.add_stage("detect 3D", called, graph.frame, combined)
+        return found, graph.add_stage("3D boxes", itemgetter(GIVEN), found, timed=False)
     if config.detect3d.method != "recorded":
         nothing = graph.add_stage("no recorded 3D boxes", _no_boxes3d, graph.frame, timed=False)
-        detect = Detect3D(rig, config, has_2d_boxes=box_source(config, rig) != "none")
+        detect = Detect3D(rig, config, has_2d_boxes=has_2d_boxes)
         return nothing, graph.add_stage("detect 3D", partial(known.in_cloud, rig, detect), graph.frame, combined)
     from lidcam.readers.streams.recorded3d import RecordedBoxes3D
 
@@ -181,6 +235,7 @@ def add_boxes2d(
     rig: Rig,
     combined: Node[CombinedCloud],
     known: KnownBoxes,
+    given: FindInImage | None = None,
     *,
     on_bad: OnBadMessage,
 ) -> tuple[Node[Decoded[Any]], Node[Mapping[str, Boxes2D]], frozenset[tuple[int, int]]]:
@@ -196,6 +251,15 @@ def add_boxes2d(
     if source == "recorded":
         recorded = graph.add_stage("read 2D boxes", RecordedBoxes(rig, config, on_bad=on_bad), graph.frame)
         return recorded, recorded, frozenset()
+    from lidcam.pipeline.stages.detect2d import Detect2D
+
+    if given is not None:
+        images = graph.add_stage("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
+        caller = GivenDetector2D(given, config)
+        detect2d = Detect2D(rig, config, caller)
+        called = partial(known.given_in_images, rig, detect2d, caller)
+        boxes = graph.add_stage("detect 2D", called, graph.frame, images, combined)
+        return boxes, boxes, detect2d.riders
     model = config.detect2d.model
     if not isinstance(model, Path):
         raise ModelError(
@@ -204,7 +268,6 @@ def add_boxes2d(
     if str(model) in NETWORKS and not isfile(network_path(model)):  # noqa: PTH113  # Path.is_file may raise
         raise ModelError(f"{model}: is not on this machine yet: run lidcam fetch {model}")
     from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
-    from lidcam.pipeline.stages.detect2d import Detect2D
 
     images = graph.add_stage("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
     detector = OnnxDetector2D(network_path(model), config.detect2d)

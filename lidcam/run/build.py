@@ -16,6 +16,7 @@ from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
 from lidcam.pipeline.detectors.cluster.kinds import knows
+from lidcam.pipeline.detectors.given import LIDCAMS_OWN, GivenDetectors
 from lidcam.pipeline.fusion.belief.visibility import find_visibility
 from lidcam.pipeline.fusion.cameras.placing import Placed
 from lidcam.pipeline.fusion.zones import select_by_zones
@@ -48,7 +49,7 @@ IMAGE_GROWTH = 3
 
 
 def build_graph(
-    config: Config, rig: Rig, known: KnownBoxes, *, on_bad: OnBadMessage
+    config: Config, rig: Rig, known: KnownBoxes, given: GivenDetectors = LIDCAMS_OWN, *, on_bad: OnBadMessage
 ) -> tuple[Graph[SensorBundle], Node[FrameResult]]:
     """The stages from a bundle of undecoded messages to a frame's result; boxes that are known are not detected again.
 
@@ -59,8 +60,8 @@ def build_graph(
     # Detections of each sensor.
     clouds = graph.add_stage("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
     combined = graph.add_stage("combine", Combine(rig, config.combine), graph.frame, clouds)
-    recorded3d, lidar = add_boxes3d(graph, config, rig, combined, known, on_bad=on_bad)
-    camera_data, boxes2d, riders = add_boxes2d(graph, config, rig, combined, known, on_bad=on_bad)
+    recorded3d, lidar = add_boxes3d(graph, config, rig, combined, known, given.in_cloud, on_bad=on_bad)
+    camera_data, boxes2d, riders = add_boxes2d(graph, config, rig, combined, known, given.in_images, on_bad=on_bad)
     views = graph.add_stage("views", Views(rig, config.combine.motion), graph.frame)
     place = Place(rig, config.fuse, config.classes, ground_distance_m=config.combine.ground.distance_m)
     placed = graph.add_stage("place", place, combined, boxes2d, views)

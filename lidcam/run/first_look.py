@@ -74,7 +74,7 @@ def _looked_at(source: RunInput, known: KnownBoxes, workers: int) -> Iterator[Fr
     config = source.config.model_copy(update={"track": track})
     source = replace(source, config=config, copied=(), drawn=())
     drops = DropTable("skip")
-    make_graph = partial(build_graph, config, source.rig, known, on_bad=drops.on_bad)
+    make_graph = partial(build_graph, config, source.rig, known, source.given, on_bad=drops.on_bad)
     stages, tracker = make_graph(), object_tracker(decided(config, source.rig), source.rig, all_speeds=True)
     if tracker is None:
         raise AssertionError("online tracks have a tracker")

@@ -13,13 +13,14 @@ from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import Drop, RawMessage
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.given import LIDCAMS_OWN, GivenDetectors
 from lidcam.pipeline.stages.sync.clocks import Clocks
 from lidcam.pipeline.stages.sync.synchronize import SyncStats, synchronize
 from lidcam.readers.recording import Recording
 from lidcam.readers.streams.copied import CopiedMessages
 from lidcam.readers.streams.motion import MotionBuffer, MotionSource
 from lidcam.readers.video.streams import VideoStreams, video_topics
-from lidcam.run.box_sources import box_source
+from lidcam.run.box_sources import box_source, detects_in_images
 from lidcam.run.choice import AS_GIVEN, UsedSettings
 from lidcam.run.missing import MissingSensor, missing_sensors
 from lidcam.run.tally import DropTable
@@ -64,6 +65,7 @@ class RunInput:
         copied: Topics whose messages are handed on with the bundles, to be copied to the output.
         drawn: Those of them that are drawn with the results: ground-truth boxes.
         truth_frames: T_site_frame of the fixed frames of the ground truth, beside those of the sensors.
+        given: Functions of the caller that find boxes.
     """
 
     recording: Recording
@@ -75,6 +77,7 @@ class RunInput:
     copied: tuple[str, ...] = ()
     drawn: tuple[str, ...] = ()
     truth_frames: tuple[Transform, ...] = ()
+    given: GivenDetectors = LIDCAMS_OWN
 
 
 def sensor_clocks(rig: Rig, drops: DropTable) -> Clocks:
@@ -181,7 +184,7 @@ def synchronized_topics(config: Config, rig: Rig) -> tuple[str, ...]:
     """The topics of a bundle: lidars, 3D boxes, images where they are used or copied, 2D boxes."""
     source = box_source(config, rig)
     topics = [lidar.topic for lidar in rig.lidars] + [detector.topic for detector in rig.detectors]
-    if config.output.images or source == "onnx":
+    if config.output.images or detects_in_images(config, rig):
         topics += [camera.topic for camera in rig.cameras if camera.topic]
     if source == "recorded":
         topics += [camera.boxes_topic for camera in rig.cameras if camera.boxes_topic]
@@ -192,7 +195,7 @@ def decoded_topics(config: Config, rig: Rig) -> frozenset[str]:
     """The topics of a bundle whose messages are decoded; images may only be copied."""
     topics = {lidar.topic for lidar in rig.lidars} | {detector.topic for detector in rig.detectors}
     source = box_source(config, rig)
-    if source == "onnx":
+    if detects_in_images(config, rig):
         topics.update(camera.topic for camera in rig.cameras)
     if source == "recorded":
         topics.update(camera.boxes_topic for camera in rig.cameras)

@@ -12,13 +12,14 @@ from lidcam.pipeline.core.errors import CalibrationError, ConfigError, OutputErr
 from lidcam.pipeline.core.settings.bundled import bundled, preset_or_file
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.text import brief
+from lidcam.pipeline.detectors.given import LIDCAMS_OWN, GivenDetectors
 from lidcam.readers.location import Location, RemotePath, location
 from lidcam.readers.rig.merge import merge_rigs
 from lidcam.readers.rig.rig_file import load_rig
 from lidcam.readers.rig.schema import RigFile
 from lidcam.run.choice import SettingsChoice, choose_settings
 from lidcam.run.effect import named_files
-from lidcam.run.options import JobOptions, OnBadMessage
+from lidcam.run.options import DEFAULTS, JobOptions, OnBadMessage, with_job_keywords
 
 DEFAULT_SETTINGS = SettingsChoice(Config())
 
@@ -41,6 +42,7 @@ class Job:
         rig: All rig files together; what it leaves out is found in the recording.
         read_files: Other files that are read: settings, rig files, a network. No output may replace them.
         foxglove: Host and port at which frames are served; None: they are not.
+        given: Functions of the caller that find boxes.
     """
 
     inputs: tuple[Location, ...]
@@ -55,6 +57,7 @@ class Job:
     view: bool = False
     foxglove: tuple[str, int] | None = None
     pace: float | None = None
+    given: GivenDetectors = LIDCAMS_OWN
 
     __repr__ = brief
 
@@ -72,12 +75,21 @@ class Job:
             raise ConfigError(f"on_bad_message: expected skip or fail, found {self.on_bad_message!r}")
         if self.pace is not None and not 0 < self.pace < inf:
             raise ConfigError(f"pace: expected more than 0, found {self.pace}")
+        for keyword, section, find in (
+            ("detector", "detect3d", self.given.in_cloud),
+            ("detector_2d", "detect2d", self.given.in_images),
+        ):
+            method = getattr(self.config, section).method
+            if (find is None) != (method != "callable"):
+                raise ConfigError(f"{section}.method {method}: it is `callable` if {keyword} is given, and only then")
 
     @property
     def config(self) -> Config:
         """The settings; where the recording decides, those that it is opened with."""
         return self.settings.config
 
+
+ALL_OPTIONS = tuple(JobOptions.__annotations__)
 
 SETTINGS_OF_OPTIONS = {
     "model_2d": "detect2d.model",
@@ -89,12 +101,18 @@ SETTINGS_OF_OPTIONS = {
 """Options that set a setting."""
 
 
+@with_job_keywords(*ALL_OPTIONS)
 def make_job(
     recording: PathOrUrl | Sequence[PathOrUrl],
     output: FilePath | Sequence[FilePath] | None = None,
     **options: Unpack[JobOptions],
 ) -> Job:
-    """A job, with its settings and its rig file read; arguments as in `lidcam.process`.
+    """A job, with its settings and its rig file read: a value that can be pickled and run later.
+
+    Args:
+        recording: As in `lidcam.process`.
+        output: As in `lidcam.process`.
+        **options: See `JobOptions`.
 
     Raises:
         ConfigError: the settings cannot be read or do not fit, or the part of the recording is not one.
@@ -106,9 +124,12 @@ def make_job(
     outputs = locations([] if output is None else output)
     if remote := [path for path in outputs if isinstance(path, RemotePath)]:
         raise OutputError(f"{remote[0]}: expected the name of a local file as output")
-    given = {key: options.get(name) for name, key in SETTINGS_OF_OPTIONS.items()}
-    more = {key: value for key, value in given.items() if value is not None}
-    choice = choose_settings(options.get("config"), options.get("settings", ()), more)
+    options = {**DEFAULTS, **options}
+    given = _given_detectors(options)
+    values: dict[str, object] = {key: options.get(name) for name, key in SETTINGS_OF_OPTIONS.items()}
+    values |= {"detect3d.method": given.in_cloud and "callable", "detect2d.method": given.in_images and "callable"}
+    more = {key: value for key, value in values.items() if value is not None}
+    choice = choose_settings(options.get("config"), options["settings"], more)
     foxglove, save_matches = options.get("foxglove"), options.get("save_matches")
     folders = [] if save_matches is None else [Path(save_matches)]
     return Job(
@@ -116,15 +137,31 @@ def make_job(
         outputs=(*(path for path in outputs if isinstance(path, Path)), *folders),
         settings=choice,
         rig=read_rig(options.get("rig")),
-        start_s=options.get("start_s", 0.0),
+        start_s=options["start_s"],
         duration_s=options.get("duration_s"),
-        on_bad_message=options.get("on_bad_message", "skip"),
-        overwrite=options.get("overwrite", False),
+        on_bad_message=options["on_bad_message"],
+        overwrite=options["overwrite"],
         read_files=read_files(options.get("config"), options.get("rig"), *named_files(choice.config).values()),
-        view=options.get("view", False),
+        view=options["view"],
         foxglove=None if foxglove is None else _served_address(str(foxglove)),
         pace=options.get("pace"),
+        given=given,
     )
+
+
+def _given_detectors(options: JobOptions) -> GivenDetectors:
+    """The functions of the caller.
+
+    Raises:
+        ConfigError: one is none, or a network is given for the same boxes.
+    """
+    in_cloud, in_images = options.get("detector"), options.get("detector_2d")
+    for keyword, find, model in (("detector", in_cloud, "model_3d"), ("detector_2d", in_images, "model_2d")):
+        if find is not None and not callable(find):
+            raise ConfigError(f"{keyword}: expected a function, found {type(find).__name__}")
+        if find is not None and options.get(model) is not None:
+            raise ConfigError(f"expected one of {keyword} and {model}, found both")
+    return GivenDetectors(in_cloud, in_images)
 
 
 def _served_address(text: str) -> tuple[str, int]:

@@ -51,7 +51,8 @@ class Detect2D:
             )
         self._rig, self._settings = rig, config.detect2d
         people_m = [prior.size_m[2] for prior in config.classes if prior.is_upright]
-        self._person_m = min(people_m) if people_m and self._settings.input == "auto" else None
+        cuts = self._settings.input == "auto" and self._settings.method != "callable"  # which gets the images alone
+        self._person_m = min(people_m) if people_m and cuts else None
         self._detector = detector
 
     @property

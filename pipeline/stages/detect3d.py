@@ -26,8 +26,10 @@ MIN_SCORE_OF_PEOPLE = 0.02
 class Detect3D:
     """Boxes of the configured classes in the combined cloud."""
 
-    def __init__(self, rig: Rig, config: Config, *, has_2d_boxes: bool = False) -> None:
-        """Load the engine named by `detect3d.method`, and the network that scores its boxes.
+    def __init__(
+        self, rig: Rig, config: Config, *, has_2d_boxes: bool = False, detector: Detector3D | None = None
+    ) -> None:
+        """Load the engine named by `detect3d.method`, unless one is given, and the network that scores its boxes.
 
         With 2D boxes, improbable people of a network are kept: the cameras tell which are right.
 
@@ -39,7 +41,7 @@ class Detect3D:
         min_score = config.detect3d.min_score
         min_people = min(min_score, MIN_SCORE_OF_PEOPLE) if has_2d_boxes and config.detect3d.has_network else min_score
         self._min_scores = np.array([min_people if prior.is_upright else min_score for prior in config.classes])
-        self._detector = _detector(rig, config)
+        self._detector = detector or _detector(rig, config)
         self._rescored = LearnedScores(rig, config) if config.detect3d.is_learned else None
 
     def __call__(self, combined: CombinedCloud) -> Boxes3D:

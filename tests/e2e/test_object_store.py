@@ -16,10 +16,10 @@ from long_recording import write_long_recording
 from object_store import ObjectStore, object_store
 from small_drive import small_drive
 
-from lidcam.batch.jobs import find_jobs
-from lidcam.batch.local import LocalEngine
-from lidcam.batch.records import job_key
-from lidcam.batch.run import BatchOptions, run_batch
+from lidcam.batches.jobs import find_jobs
+from lidcam.batches.local import LocalEngine
+from lidcam.batches.records import job_key
+from lidcam.batches.run import BatchOptions, run_batch
 from lidcam.readers.location import RemotePath
 from lidcam.run.job import Job
 

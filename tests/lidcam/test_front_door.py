@@ -1,9 +1,11 @@
 """`import lidcam`: the names it offers, and runs whose results are at hand."""
 
+import inspect
 import re
 import subprocess
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -29,6 +31,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> lidcam.RunResult:
 def test_every_name_is_there_and_no_other() -> None:
     for name in api.__all__:
         assert getattr(lidcam, name) is not None
+        assert find_spec(f"lidcam.{name}") is None, "a module that is imported hides the name"
     assert set(api.__all__) <= set(dir(lidcam))
     assert lidcam.api is api
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
@@ -69,6 +72,70 @@ def test_settings_on_top_of_a_config() -> None:
 def test_options_that_cannot_be(options: dict[str, Any], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         lidcam.process(SANDBOX, **options)
+
+
+@pytest.mark.parametrize("name", ["process", "iter_frames", "make_job", "batch"])
+def test_help_shows_every_option(name: str) -> None:
+    """As completion in a notebook does, which looks at the signature."""
+    function = getattr(lidcam, name)
+    parameters = inspect.signature(function).parameters
+    options = lidcam.SharedOptions if name == "batch" else lidcam.JobOptions
+    assert set(options.__annotations__) <= set(parameters)
+    assert not [one for one in parameters.values() if one.kind == one.VAR_KEYWORD]
+    assert parameters["start_s"].default == 0.0
+    arguments = function.__doc__.partition("Args:")[2].partition("\n\n")[0]
+    documented = re.findall(r"^ {8}(\w+): ", arguments, re.MULTILINE)
+    assert documented == [*parameters]
+
+
+def test_results_are_compared_exported_and_reported(run: lidcam.RunResult, tmp_path: Path) -> None:
+    result = run.summary.outputs[0]
+    assert lidcam.compare(result, result).is_equal
+    moved = tmp_path / "moved.mcap"
+    lidcam.process(SANDBOX, moved, config=CONFIG, settings={"track.mode": "none"}, duration_s=0.5)
+    found = lidcam.compare(result, moved, only=["fused"], settings={"compare.position_m": 1e-6})
+    assert not found.is_equal
+    assert "fused: expected at most 0 % of the objects to differ" in found.failures[0]
+    assert lidcam.compare(result, moved, only=["fused"], max_different_percent=100).failures == ()
+    with pytest.raises(lidcam.ConfigError, match=r"allow: expected lost, new, .*, frames, found 'swapped'"):
+        lidcam.compare(result, result, allow=["swapped"])
+    with pytest.raises(lidcam.ConfigError, match=r"evaluate\.iou: expected a setting of compare"):
+        lidcam.compare(result, result, settings={"evaluate.iou": [0.5]})
+    done = lidcam.export(result, tmp_path / "set", format="nuscenes")
+    assert (done.frames, done.objects) == (run.frames, len(run.objects))
+    assert (tmp_path / "set").is_dir()
+    with pytest.raises(lidcam.OutputError, match="exists and is not empty"):
+        lidcam.export([result], tmp_path / "set", format="nuscenes")
+    page = lidcam.report(result, tmp_path / "page.html")
+    assert "<html" in page.read_text(encoding="utf-8")
+    with pytest.raises(lidcam.OutputError, match="is an input of this run"):
+        lidcam.report(result, result)
+
+
+def test_a_batch(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "bad.bag").write_bytes(b"no bag")
+    (tmp_path / "in" / "good.bag").symlink_to(SANDBOX)
+    done = lidcam.batch(str(tmp_path / "in"), tmp_path / "out", config=CONFIG, duration_s=0.3, objects=True)
+    assert [(one.name, one.state) for one in done.records] == [("bad", "failed"), ("good", "done")]
+    assert [one.name for one in done.failed] == ["bad"]
+    assert (tmp_path / "out" / "good.parquet").is_file()
+    assert Path(done.table).is_file()
+    assert "bad" in str(done)
+    assert "<pre" in done._repr_html_()  # type: ignore[attr-defined]  # of what notebooks show, a subclass
+    with pytest.raises(TypeError, match="view"):
+        lidcam.batch("in", "out", view=True)  # type: ignore[call-arg]
+
+
+def test_what_is_not_known_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(lidcam.ModelError, match="fetch: expected yolox-nano, yolox-tiny, yolox-s, found 'yolo'"):
+        lidcam.fetch("yolo")  # type: ignore[arg-type]
+    with pytest.raises(lidcam.ConfigError, match="sandbx"):
+        lidcam.simulate("sandbx", tmp_path / "out.bag")
+
+
+def test_the_sample_can_be_read() -> None:
+    assert lidcam.sample().samefile(SANDBOX)
 
 
 @pytest.mark.parametrize("library", ["pandas", "polars", "pyarrow"])

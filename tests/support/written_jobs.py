@@ -4,9 +4,9 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from lidcam.batch.engine import Task
-from lidcam.batch.local import LocalEngine
-from lidcam.batch.records import EXIT_CODES, JobRecord, State, with_outputs
+from lidcam.batches.engine import Task
+from lidcam.batches.local import LocalEngine
+from lidcam.batches.records import EXIT_CODES, JobRecord, State, with_outputs
 from lidcam.writers.outputs.transaction import OutputTransaction
 
 

@@ -4,6 +4,15 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64
 
+MAX_CLOUDS = 48
+"""Clouds of the background, evenly over the recording."""
+
+FIRST_CELL_M = 0.02
+"""Side of a cell of the background at first."""
+
+MAX_CELLS = 150_000
+"""Cells of the background."""
+
 _MIDDLE = 1 << 30
 """Column and row of the origin: both fit into 31 bits and stand together in one key."""
 

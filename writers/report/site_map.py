@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.arrays import F64, U8
 from lidcam.pipeline.core.geometry.polygons import clipped_polygon
 from lidcam.pipeline.core.rig import Rig
 from lidcam.writers.report.collector import ReportCollector
@@ -26,7 +26,7 @@ def map_figure(seen: ReportCollector, rig: Rig, background: SparseGrid | None, c
     lines = dict(seen.courses.lines())
     classes = dict(zip(seen.users.numbers, table.class_ids.tolist(), strict=True))
     drawn = [line[:, :2] for line in lines.values()] + [grid.centers for grid in seen.places.values()]
-    low, high = _extent(drawn, background)
+    low, high = map_extent(drawn, background)
     traces = [*_zones(rig, low, high)] if not seen.travelled_m else []
     traces += _way(seen)
     traces += [_dots(grid, name, class_names.index(name)) for name, grid in sorted(seen.places.items())]
@@ -49,7 +49,7 @@ def map_figure(seen: ReportCollector, rig: Rig, background: SparseGrid | None, c
     return {"data": traces, "layout": layout, "views": views, "ratio": min(max(ratio, 0.35), 1.0)}
 
 
-def _extent(drawn: Sequence[F64], background: SparseGrid | None) -> tuple[F64, F64]:
+def map_extent(drawn: Sequence[F64], background: SparseGrid | None) -> tuple[F64, F64]:
     """Lower left and upper right of what is shown: all tracks, with room around them."""
     places = np.concatenate([*drawn, np.zeros((0, 2))])
     if not len(places) and background is not None and len(background):
@@ -63,7 +63,37 @@ def _extent(drawn: Sequence[F64], background: SparseGrid | None) -> tuple[F64, F
 
 
 def _image(background: SparseGrid, low: F64, high: F64, least: float) -> dict[str, Any]:
-    """What stands still, as an image behind the map: grey, the more opaque the more often points were there."""
+    """What stands still, as an image behind the map."""
+    image, (left, right, bottom, top) = background_image(background, low, high, least)
+    _, png = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    return {
+        "source": "data:image/png;base64," + base64.b64encode(png.tobytes()).decode(),
+        "xref": "x",
+        "yref": "y",
+        "x": left,
+        "y": top,
+        "sizex": right - left,
+        "sizey": top - bottom,
+        "sizing": "stretch",
+        "layer": "below",
+    }
+
+
+def background_image(
+    background: SparseGrid, low: F64, high: F64, least: float
+) -> tuple[U8, tuple[float, float, float, float]]:
+    """What stands still, around the part of the map from `low` to `high`, x and y in metres.
+
+    Args:
+        background: Where points lie.
+        low: (2,) lower left of what is shown.
+        high: (2,) upper right.
+        least: Share of the most frequent cells below which nothing is drawn.
+
+    Returns:
+        (H, W, 4) image, red first: grey, the more opaque the more often points were there; and where its left, right,
+        bottom and top are, metres.
+    """
     low, high = low - 0.5 * (high - low), high + 0.5 * (high - low)
     cell_m = max(background.cell_m, float((high - low).max()) / MAX_PIXELS)
     width, height = np.maximum(np.ceil((high - low) / cell_m), 1).astype(int).tolist()
@@ -77,18 +107,8 @@ def _image(background: SparseGrid, low: F64, high: F64, least: float) -> dict[st
     image = np.full((height, width, 4), 128, np.uint8)
     image[..., 3] = (200 * np.sqrt(np.minimum(weights / full, 1.0))).astype(np.uint8)
     image[weights <= least * full, 3] = 0
-    _, png = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
-    return {
-        "source": "data:image/png;base64," + base64.b64encode(png.tobytes()).decode(),
-        "xref": "x",
-        "yref": "y",
-        "x": float(low[0]),
-        "y": float(low[1] + height * cell_m),
-        "sizex": width * cell_m,
-        "sizey": height * cell_m,
-        "sizing": "stretch",
-        "layer": "below",
-    }
+    left, bottom = float(low[0]), float(low[1])
+    return image, (left, left + width * cell_m, bottom, bottom + height * cell_m)
 
 
 def _zones(rig: Rig, low: F64, high: F64) -> list[dict[str, Any]]:

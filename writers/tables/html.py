@@ -1,5 +1,7 @@
 """What is printed on a console as text, and as HTML for notebooks."""
 
+from collections.abc import Iterable, Sequence
+from html import escape
 from io import StringIO
 from typing import TYPE_CHECKING
 
@@ -18,12 +20,18 @@ def as_text(*parts: "RenderableType") -> str:
     return "\n".join(line.rstrip() for line in out.export_text().splitlines())
 
 
-def as_html(*parts: "RenderableType") -> str:
-    """Texts and tables as HTML."""
-    out = _console()
-    for part in parts:
-        out.print(part)
-    return recorded_html(out)
+def scrolling_table(head: str, names: Sequence[str], rows: Iterable[Sequence[str]], foot: str = "") -> str:
+    """A table of texts as HTML: its rows scroll below the names of the columns, in the colours of the notebook."""
+    cell = 'style="text-align: right; white-space: nowrap; padding: 0.1em 0.6em"'
+    top = 'style="position: sticky; top: 0; background: var(--jp-layout-color1, Canvas)"'
+    body = "".join(f"<tr>{''.join(f'<td {cell}>{escape(text)}</td>' for text in row)}</tr>" for row in rows)
+    names_row = "".join(f"<th {cell}>{escape(name)}</th>" for name in names)
+    return (
+        f"<div>{escape(head)}</div>"
+        '<div style="max-height: 22em; overflow: auto; max-width: 100%">'
+        f"<table><thead {top}><tr>{names_row}</tr></thead><tbody>{body}</tbody></table></div>"
+        f"<div>{escape(foot)}</div>"
+    )
 
 
 def recorded_html(out: "Console") -> str:

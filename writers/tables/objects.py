@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self, overload
+from typing import Any, ClassVar, Self, overload
 
 import numpy as np
 
@@ -15,13 +15,13 @@ from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
 from lidcam.writers.tables.files import column_metadata, save_csv, save_parquet
-from lidcam.writers.tables.html import as_html, as_text
-
-if TYPE_CHECKING:
-    from rich.table import Table as RichTable
+from lidcam.writers.tables.html import as_text, scrolling_table
 
 MAX_SHOWN = 10
 """Rows that the text form shows."""
+
+MAX_SCROLLED = 1000
+"""Rows that the form for notebooks has."""
 
 SHOWN_COLUMNS = ("frame", "track", "class", "zone", "x_m", "y_m", "yaw_rad", "speed_m_s", "score")
 """Columns that it shows: what fits a terminal of 80 columns."""
@@ -157,6 +157,11 @@ class Objects(CheckedTable):
         return np.hypot(self.velocities[:, 0], self.velocities[:, 1])
 
     @property
+    def speeds_km_h(self) -> F64:
+        """(N,) the same in km/h."""
+        return 3.6 * self.speeds
+
+    @property
     def columns(self) -> Mapping[str, Array]:
         """The table by columns, each (N,): frame, stamp_ns, track, class, x_m and so on, with units in their names.
 
@@ -233,27 +238,32 @@ class Objects(CheckedTable):
         save_parquet(Path(path), self.to_arrow(), self.frame_id)
 
     def __repr__(self) -> str:
-        return as_text(*self._shown(SHOWN_COLUMNS))
-
-    def _repr_html_(self) -> str:
-        """For notebooks: the same rows with all columns."""
-        return as_html(*self._shown(tuple(self.columns)))
-
-    def _shown(self, names: tuple[str, ...]) -> "list[str | RichTable]":
-        """The first rows of some columns, as a table between lines."""
         from rich.table import Table as RichTable
 
-        head = f"{len(self)} objects, site frame {self.frame_id!r}"
-        if not len(self):
-            return [head]
-        table = RichTable(box=None, pad_edge=False)
-        for name in names:
-            table.add_column(name, justify="right", no_wrap=True)
-        columns = self.select(np.arange(min(len(self), MAX_SHOWN))).columns
-        for row in zip(*(columns[name] for name in names), strict=True):
-            table.add_row(*map(_text, row))
-        more = [f"... {len(self) - MAX_SHOWN} more"] if len(self) > MAX_SHOWN else []
-        return [head, table, *more]
+        table = RichTable(*SHOWN_COLUMNS, box=None, pad_edge=False)
+        for column in table.columns:
+            column.justify, column.no_wrap = "right", True
+        for row in self._texts(SHOWN_COLUMNS, MAX_SHOWN):
+            table.add_row(*row)
+        parts = [self._head, table, self._foot(MAX_SHOWN)] if len(self) else [self._head]
+        return as_text(*parts).rstrip("\n")
+
+    def _repr_html_(self) -> str:
+        """For notebooks: a table of all columns that scrolls, of the first rows."""
+        rows = self._texts(tuple(self.columns), MAX_SCROLLED)
+        return scrolling_table(self._head, tuple(self.columns), rows, self._foot(MAX_SCROLLED))
+
+    @property
+    def _head(self) -> str:
+        return f"{len(self)} objects, site frame {self.frame_id!r}"
+
+    def _foot(self, shown: int) -> str:
+        return f"... {len(self) - shown} more" if len(self) > shown else ""
+
+    def _texts(self, names: tuple[str, ...], count: int) -> Iterator[list[str]]:
+        """The first rows of some columns."""
+        columns = self.select(np.arange(min(len(self), count))).columns
+        return ([*map(_text, row)] for row in zip(*(columns[name] for name in names), strict=True))
 
 
 def _library(name: str) -> Any:

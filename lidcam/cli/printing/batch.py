@@ -6,8 +6,8 @@ from contextlib import contextmanager
 
 from rich.console import Console
 
-from lidcam.batch.jobs import BatchJob
-from lidcam.batch.records import JobRecord
+from lidcam.batches.jobs import BatchJob
+from lidcam.batches.records import JobRecord
 from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.progress import show_share
 from lidcam.cli.printing.tables import ColumnsTable

@@ -41,12 +41,23 @@ def console(*, stderr: bool = False) -> Console:
     return _Console(stderr=stderr, soft_wrap=True, markup=False, emoji=False, color_system=colors)
 
 
+def printed_text(show: Callable[[Console], None]) -> str:
+    """The output of a function that prints on a console, as text of a wide one."""
+    out = _recording_console()
+    show(out)
+    return "\n".join(line.rstrip() for line in out.export_text().strip("\n").splitlines())
+
+
 def printed_html(show: Callable[[Console], None]) -> str:
     """The output of a function that prints on a console, as HTML."""
-    options: dict[str, Any] = {"soft_wrap": True, "markup": False, "emoji": False, "force_jupyter": False}
-    out = _Console(file=StringIO(), record=True, width=HTML_WIDTH, **options)
+    out = _recording_console()
     show(out)
     return recorded_html(out)
+
+
+def _recording_console() -> _Console:
+    options: dict[str, Any] = {"soft_wrap": True, "markup": False, "emoji": False, "force_jupyter": False}
+    return _Console(file=StringIO(), record=True, width=HTML_WIDTH, **options)
 
 
 def show_json(out: Console, tree: Any) -> None:

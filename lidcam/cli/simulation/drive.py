@@ -10,7 +10,7 @@ import typer
 from lidcam.cli.options import Format, Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
 from lidcam.cli.printing.escaping import visible
 from lidcam.cli.printing.log import progress_log
-from lidcam.cli.simulation.simulate import check_simulator
+from lidcam.cli.simulation.simulate import log_recording
 from lidcam.pipeline.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -50,9 +50,10 @@ def drive(
     overwrite: Overwrite = False,
 ) -> None:
     """Drive the cars of a scenario from the keyboard, and record it."""
+    from lidcam.simulation import check_simulator, recording_to, scenario_of
+
     check_simulator()
     from lidcam.bags.simulator.drive.driving import drive as driven
-    from lidcam.cli.simulation.scenario import recording_to, scenario_of
 
     found = scenario_of(scenario, settings or (), duration_s=duration_s, seed=seed)
     drivable = tuple(name for name, vehicle in found.vehicles.items() if vehicle.commands)
@@ -74,7 +75,7 @@ def drive(
             if viewer is not None:
                 viewer.show(recorded)
             status.show(simulation, control)
-    recorder.log_files(output, simulation.now_ns)
+    log_recording(output, recorder.messages, simulation.now_ns * 1e-9)
 
 
 def _keyboard(

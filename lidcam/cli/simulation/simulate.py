@@ -1,15 +1,12 @@
 """The command `lidcam simulate`."""
 
-from importlib.util import find_spec
+from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from lidcam.cli.options import Format, Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
-from lidcam.pipeline.core.errors import LidcamError
-
-RANDOM = "random"
-"""Name of the scenarios that are drawn from a seed."""
+from lidcam.cli.printing.log import remark_log
 
 # \b keeps the lines of a paragraph as they are.
 SIMULATE_EXAMPLES = """\b
@@ -65,35 +62,29 @@ def simulate(
     ] = None,
 ) -> None:
     """Record a simulated scene: lidars, cameras, and ground truth."""
-    if family is not None and scenario != RANDOM:
-        raise typer.BadParameter(f"expected the scenario {RANDOM}, found {scenario}", param_hint="--family")
-    check_simulator()
+    if family is not None and scenario != "random":
+        raise typer.BadParameter(f"expected the scenario random, found {scenario}", param_hint="--family")
     from lidcam.cli.printing.progress import show_progress
-    from lidcam.cli.simulation.scenario import recording_to, scenario_of
+    from lidcam.simulation import simulate_recording
 
-    if scenario == RANDOM:
-        family = family or "road"
-    found = scenario_of(scenario, settings or (), duration_s=duration_s, seed=seed, family=family, errors=errors)
-    with (
-        recording_to(output, format_, found, read=scenario, overwrite=overwrite, workers=workers) as opened,
-        show_progress(found.duration_s) as advance,
-    ):
-        simulation, recorder = opened
-        for recorded in simulation.run(found.duration_s):
-            recorder.write_messages(recorded)
-            advance(simulation.now_ns * 1e-9, f"{recorder.messages} messages")
-    recorder.log_files(output, simulation.now_ns)
+    messages, recorded_s = simulate_recording(
+        scenario,
+        output,
+        format=format_,
+        duration_s=duration_s,
+        seed=seed,
+        family=family,
+        errors=errors,
+        settings=settings or (),
+        overwrite=overwrite,
+        workers=workers,
+        show=show_progress,
+    )
+    log_recording(output, messages, recorded_s)
 
 
-def check_simulator() -> None:
-    """Check that the extra `sim` and the system libraries that it needs are installed.
-
-    Raises:
-        LidcamError: something is missing.
-    """
-    for package in ("open3d", "libusb_package"):
-        if find_spec(package) is None:
-            raise LidcamError(f"the simulator needs {package}, which is not installed: pip install 'lidcam[sim]'")
-    from lidcam.bags.simulator.world.open3d_runtime import check_libraries
-
-    check_libraries()
+def log_recording(output: Path, messages: int, recorded_s: float) -> None:
+    """Log what was written."""
+    files = [output] if output.is_file() else sorted(output.iterdir())
+    size_mib = sum(file.stat().st_size for file in files) / 2**20
+    remark_log.info("wrote %s: %d messages, %.1f s, %.1f MiB", output, messages, recorded_s, size_mib)

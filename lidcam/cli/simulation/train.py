@@ -11,7 +11,6 @@ import typer
 
 from lidcam.cli.groups import GroupedCommand
 from lidcam.cli.options import ConfigFile, Overwrite, RigFile, Setting, ends_in, with_log_options
-from lidcam.cli.simulation.simulate import check_simulator
 from lidcam.pipeline.core.errors import ConfigError, LidcamError, OutputError
 
 if TYPE_CHECKING:
@@ -96,6 +95,8 @@ def clusters(
 
     On simulated worlds, on labelled recordings, or on both.
     """
+    from lidcam.simulation import check_simulator
+
     check_simulator()
     _check_extra("the training")
     from lidcam.cli.printing.progress import show_training
@@ -171,6 +172,8 @@ def pillars(
 
     On simulated worlds, on labelled recordings, or on both.
     """
+    from lidcam.simulation import check_simulator
+
     check_simulator()
     _check_extra("the training")
     from lidcam.cli.printing.progress import show_training

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lidcam.evaluation.evaluate import Progress, not_shown
+from lidcam.outputs.allowed import Replaceable, check_no_input, check_replaced
 from lidcam.outputs.export.scene import ExportOptions, ResultScene
 from lidcam.outputs.registry import DATASETS, DatasetFormat, loaded
 from lidcam.pipeline.core.errors import OutputError
@@ -13,9 +14,12 @@ from lidcam.readers.results.result import open_result
 from lidcam.run.missing import damage_lines
 from lidcam.writers.datasets.frame import DatasetWriter
 from lidcam.writers.outputs.errors import output_errors
-from lidcam.writers.outputs.transaction import OutputFile
+from lidcam.writers.outputs.transaction import OutputFile, OutputTransaction
 
 DEFAULT = ExportOptions()
+
+EMPTY = Replaceable(lambda path: not any(path.iterdir()), "exists and is not empty", only_own=True)
+"""What may stand where a data set is written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +35,7 @@ class Exported:
 
 def export_results(
     results: Sequence[Path],
-    output: OutputFile,
+    folder: Path,
     format_name: DatasetFormat,
     options: ExportOptions = DEFAULT,
     show: Progress = not_shown,
@@ -40,7 +44,7 @@ def export_results(
 
     Args:
         results: Files that `lidcam process` wrote, one scene each, with different names.
-        output: The new folder.
+        folder: The new folder, which is empty or does not exist.
         format_name: One of `DATASETS`.
         options: What to write of them.
         show: Shows the progress.
@@ -48,6 +52,17 @@ def export_results(
     Raises:
         LidcamError: a result cannot be read or has not what the format needs; the folder cannot be written.
     """
+    if format_name not in DATASETS:
+        raise OutputError(f"format: expected {', '.join(DATASETS)}, found {format_name!r}")
+    check_no_input([folder], [*results, *options.truth])
+    check_old = check_replaced(lambda _: EMPTY, overwrite=False)
+    with OutputTransaction([folder], folders=[folder], check_old=check_old) as outputs:
+        return _export(results, outputs[folder], format_name, options, show)
+
+
+def _export(
+    results: Sequence[Path], output: OutputFile, format_name: DatasetFormat, options: ExportOptions, show: Progress
+) -> Exported:
     names = [path.stem for path in results]
     if same := next((name for name in names if names.count(name) > 1), None):
         raise OutputError(f"expected results of different names, found two called {same}")

@@ -1,6 +1,6 @@
 """Makes the page about a result: one pass over its frames, a few of its clouds, the images of its worst errors."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from lidcam.cli.printing.folding import Folded
 from lidcam.cli.printing.mistakes import mistake_note
 from lidcam.evaluation.evaluate import Progress, evaluate_result, not_shown, within_labels
 from lidcam.evaluation.evaluation import Evaluation, EvaluationJob
+from lidcam.outputs.allowed import PAGE, check_no_input, check_replaced
 from lidcam.outputs.report import sections
 from lidcam.outputs.report.images import CLOUD_TOPIC, mistake_image
 from lidcam.pipeline.core.errors import MessageError
@@ -20,23 +21,30 @@ from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 from lidcam.readers.results.result import Result, open_result
 from lidcam.readers.truth.site import SitePoses
 from lidcam.run.warning import RunWarning
+from lidcam.writers.outputs.transaction import OutputTransaction
 from lidcam.writers.report import accuracy, plots
 from lidcam.writers.report.collector import ReportCollector
-from lidcam.writers.report.grid import SparseGrid
+from lidcam.writers.report.grid import FIRST_CELL_M, MAX_CELLS, MAX_CLOUDS, SparseGrid
 from lidcam.writers.report.page import PageTable, page
 from lidcam.writers.report.site_map import map_figure
 from lidcam.writers.report.values import Figure
 
-MAX_CLOUDS = 48
-"""Clouds of the background, evenly over the recording."""
-
-FIRST_CELL_M = 0.02
-"""Side of a cell of the background at first."""
-
-MAX_CELLS = 150_000
-"""Cells of the background."""
+SHOWN_FACTS = "network.", "labels.", "boxes3d.", "detector"
+"""Beginnings of the names of metadata that the page lists."""
 
 KINDS = {"false": "Reported, and not there", "missed": "There, and not reported"}
+
+
+def write_page(result: Path, page_path: Path, *, overwrite: bool = False, show: Progress = not_shown) -> None:
+    """Write the page about a result.
+
+    Raises:
+        LidcamError: the result cannot be read, or the page cannot be written or replace what stands there.
+    """
+    check_no_input([page_path], [result])
+    check_old = check_replaced(lambda _: PAGE, overwrite=overwrite)
+    with OutputTransaction([page_path], check_old=check_old) as outputs:
+        outputs[page_path].write_text(make_page(result, show))
 
 
 def make_page(path: Path, show: Progress = not_shown) -> str:
@@ -56,7 +64,7 @@ def make_page(path: Path, show: Progress = not_shown) -> str:
         measured = DetectionPlots(result.config)
         evaluation = evaluate_result(job, show, (seen, measured))
         tree: Mapping[str, Any] = evaluation.figures.tree
-        background = SparseGrid(FIRST_CELL_M, MAX_CELLS) if result.is_adrift else _background(result, seen)
+        background = background_of(result, () if result.is_adrift else seen.log_times_ns)
         warnings = [*(RunWarning(**one) for one in summary.get("warnings", ())), *evaluation.warnings]
         against = [f"Against the recorded truth, {line}" for line in headlines(tree)[:1]]
         if evaluation.truth is None:
@@ -92,11 +100,11 @@ def make_page(path: Path, show: Progress = not_shown) -> str:
         )
 
 
-def _background(result: Result, seen: ReportCollector) -> SparseGrid:
-    """Where points lie, in the frame that does not move; without cells where the result has no clouds."""
+def background_of(result: Result, log_times_ns: Sequence[int]) -> SparseGrid:
+    """Where points lie, of some of these frames, in the frame that does not move; no cells if it has no clouds."""
     grid, poses = SparseGrid(FIRST_CELL_M, MAX_CELLS), SitePoses([result.recording], result.rig, result.config)
-    step = max(len(seen.log_times_ns) // MAX_CLOUDS, 1)
-    for log_time_ns in seen.log_times_ns[step // 2 :: step]:
+    step = max(len(log_times_ns) // MAX_CLOUDS, 1)
+    for log_time_ns in log_times_ns[step // 2 :: step]:
         for message in result.recording.messages([CLOUD_TOPIC], start_ns=log_time_ns, stop_ns=log_time_ns + 1):
             T_fixed_site = poses.T_fixed_site(message.stamp_ns)
             try:
@@ -204,7 +212,7 @@ def _versions(result: Result, evaluation: Evaluation) -> PageTable:
         ["lidcam", metadata.get("version", "unknown")],
         ["settings", metadata.get("settings", "unknown")],
         *([key, metadata[key]] for key in ("config.sha256", "rig.sha256") if key in metadata),
-        *([key, text] for key, text in metadata.items() if key.startswith(("network.", "labels.", "boxes3d."))),
+        *([key, text] for key, text in metadata.items() if key.startswith(SHOWN_FACTS)),
         ["site frame", result.rig.site_frame],
         [f"{result.path.name}, sha256", file.tree()["sha256"] or ""],
     ]

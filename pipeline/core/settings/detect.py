@@ -63,9 +63,9 @@ class Detect3DConfig(SettingsModel):
         method: `cluster` finds them in the combined cloud and needs no weights; `pillars` runs the network of `model`;
             `combined` does both and joins what they find, by the network and, of classes that it knows, the learned
             score of clusters, whatever `score` is; `recorded` takes those that a detector wrote into the recording
-            (`topics.boxes3d`); `none` finds nothing. `auto` is `combined` where all classes are road users of full
-            size or a model is set (as in the preset sandbox), else `cluster`; with a `score`, and without a model, it
-            is `cluster`.
+            (`topics.boxes3d`); `callable` calls the function that `lidcam.process` gets as `detector`; `none` finds
+            nothing. `auto` is `combined` where all classes are road users of full size or a model is set (as in the
+            preset sandbox), else `cluster`; with a `score`, and without a model, it is `cluster`.
         model: ONNX file of `lidcam train pillars`, relative to the working folder, or the name of one that comes with
             lidcam: `traffic` for road users of full size, their default; `sandbox` for model cars.
         score: How boxes of the method `cluster` are scored. `geometric`: by the number of their points, the smoothness
@@ -116,9 +116,9 @@ class Detect2DConfig(SettingsModel):
     """Detection in images.
 
     Attributes:
-        method: `onnx` runs a network, `recorded` takes 2D boxes from the recording, `none` finds nothing. `auto` is
-            `onnx` if a model is given, else `recorded` if there are boxes, else `onnx` if `model` finds one, else
-            `none`.
+        method: `onnx` runs a network, `recorded` takes 2D boxes from the recording, `callable` calls the function that
+            `lidcam.process` gets as `detector_2d`, `none` finds nothing. `auto` is `onnx` if a model is given, else
+            `recorded` if there are boxes, else `onnx` if `model` finds one, else `none`.
         model: ONNX file, relative to the working folder, or the name of a network that `lidcam fetch` brought;
             docs/networks.md lists the exports that are known. `auto`: the most precise network that was fetched,
             where the recording has images and no 2D boxes. `none`: no network.
@@ -147,7 +147,7 @@ class Detect2DConfig(SettingsModel):
             efficient, because the other stages use the other cores.
     """
 
-    method: Literal["auto", "onnx", "recorded", "none"] = "auto"
+    method: Literal["auto", "onnx", "recorded", "callable", "none"] = "auto"
     model: Annotated[Literal["auto"] | Path | None, BeforeValidator(lambda v: None if v == "none" else v)] = "auto"
     layout: Literal["auto"] | NetworkLayout = "auto"
     colors: Literal["auto"] | NetworkColors = "auto"

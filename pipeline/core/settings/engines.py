@@ -41,6 +41,7 @@ ENGINES: dict[str, Engine3D] = {
         boxes_are_completed=True,
     ),
     "recorded": Engine3D("", "recorded"),
+    "callable": Engine3D("", "by a function of the caller"),
     "none": Engine3D("", "none: detect3d.method is none"),
 }
 """By name. An engine with settings has a section of its name in `Detect3DConfig`."""

@@ -9,10 +9,10 @@ import pytest
 from command import called
 from written_jobs import Written
 
-from lidcam.batch.jobs import RECORDS, find_jobs
-from lidcam.batch.run import BatchOptions, run_batch
-from lidcam.batch.store import Store
-from lidcam.batch.table import TABLE, records_table
+from lidcam.batches.jobs import RECORDS, find_jobs
+from lidcam.batches.run import BatchOptions, run_batch
+from lidcam.batches.store import Store
+from lidcam.batches.table import TABLE, records_table
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.run.job import Job
 from lidcam.writers.outputs.transaction import OutputTransaction

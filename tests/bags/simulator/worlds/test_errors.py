@@ -5,7 +5,7 @@ import numpy as np
 from lidcam.bags.simulator.scenario.load import load_scenario
 from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.bags.simulator.worlds.errors import with_errors
-from lidcam.cli.simulation.scenario import scenario_of
+from lidcam.simulation import scenario_of
 
 EXACT = load_scenario("crossing")
 

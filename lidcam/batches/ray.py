@@ -16,9 +16,9 @@ from tempfile import TemporaryDirectory
 from threading import Lock, current_thread, main_thread
 from typing import Any, TypeVar
 
-from lidcam.batch.engine import JOB_MIB, Engine, Task, cancelled
-from lidcam.batch.local import WORKER
-from lidcam.batch.records import JobRecord
+from lidcam.batches.engine import JOB_MIB, Engine, Task, cancelled
+from lidcam.batches.local import WORKER
+from lidcam.batches.records import JobRecord
 from lidcam.pipeline.core.errors import LidcamError, WorkerError
 
 logger = logging.getLogger(__name__)
@@ -165,7 +165,7 @@ def _task() -> Callable[[tuple[str, ...], bytes, str, str], object]:
         if not os.path.isdir(folder):  # noqa: PTH112  # travels alone, without imports
             return f"{node}: expected the folder {folder}: all nodes read and write the files under the same paths"
         os.chdir(folder)
-        from lidcam.batch.local import LocalEngine
+        from lidcam.batches.local import LocalEngine
 
         return LocalEngine(1, program, is_bound=True).run(pickle.loads(task), keep_open=None)  # noqa: S301  # from the batch
 

@@ -1,9 +1,10 @@
-"""The recording of a scenario to a file, for `lidcam simulate` and `lidcam drive`."""
+"""The recording of a scenario to a file."""
 
 import contextlib
 from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import yaml
 
@@ -21,13 +22,71 @@ from lidcam.bags.simulator.recorder.start import simulating
 from lidcam.bags.simulator.scenario.load import load_scenario, overridden
 from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.bags.simulator.worlds.errors import with_errors
-from lidcam.cli.printing.log import remark_log
+from lidcam.evaluation.evaluate import Progress, not_shown
 from lidcam.outputs.allowed import SIMULATED, TEXT, check_no_input, check_replaced
+from lidcam.pipeline.core.errors import ConfigError, LidcamError
 from lidcam.readers.rig.rig_file import rig_yaml
 
 if TYPE_CHECKING:
     from lidcam.bags.simulator.recorder.simulation import Simulation
     from lidcam.bags.simulator.worlds.draw import Family
+
+RANDOM = "random"
+"""Name of the scenarios that are drawn from a seed."""
+
+
+def check_simulator() -> None:
+    """Check that the extra `sim` and the system libraries that it needs are installed.
+
+    Raises:
+        LidcamError: something is missing.
+    """
+    for package in ("open3d", "libusb_package"):
+        if find_spec(package) is None:
+            raise LidcamError(f"the simulator needs {package}, which is not installed: pip install 'lidcam[sim]'")
+    from lidcam.bags.simulator.world.open3d_runtime import check_libraries
+
+    check_libraries()
+
+
+def simulate_recording(
+    scenario: str,
+    output: Path,
+    *,
+    format: RecordingFormat | None = None,
+    duration_s: float | None = None,
+    seed: int | None = None,
+    family: Literal["sandbox", "crossing", "road"] | None = None,
+    errors: bool | None = None,
+    settings: Sequence[str] = (),
+    overwrite: bool = False,
+    workers: int | None = None,
+    show: Progress = not_shown,
+) -> tuple[int, float]:
+    """Record a simulated scene; arguments as in `lidcam.simulate`.
+
+    Returns:
+        Number of messages, and seconds that were recorded.
+
+    Raises:
+        LidcamError: the simulator is not installed, there is no such scenario, a value does not fit, or the recording
+            cannot be written.
+    """
+    if family is not None and scenario != RANDOM:
+        raise ConfigError(f"family: expected the scenario {RANDOM} with it, found {scenario}")
+    check_simulator()
+    if scenario == RANDOM:
+        family = family or "road"
+    found = scenario_of(scenario, settings, duration_s=duration_s, seed=seed, family=family, errors=errors)
+    with (
+        recording_to(output, format, found, read=scenario, overwrite=overwrite, workers=workers) as opened,
+        show(found.duration_s) as advance,
+    ):
+        simulation, recorder = opened
+        for recorded in simulation.run(found.duration_s):
+            recorder.write_messages(recorded)
+            advance(simulation.now_ns * 1e-9, f"{recorder.messages} messages")
+    return recorder.messages, simulation.now_ns * 1e-9
 
 
 def scenario_of(
@@ -70,12 +129,6 @@ class Recorder:
         for one in recorded:
             self._write(one, self._start_ns)
         self.messages += len(recorded)
-
-    def log_files(self, output: Path, now_ns: int) -> None:
-        """Log what was written."""
-        files = [output] if output.is_file() else sorted(output.iterdir())
-        size_mib = sum(file.stat().st_size for file in files) / 2**20
-        remark_log.info("wrote %s: %d messages, %.1f s, %.1f MiB", output, self.messages, now_ns * 1e-9, size_mib)
 
 
 @contextlib.contextmanager

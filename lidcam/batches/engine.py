@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from lidcam.batch.records import JobRecord
+from lidcam.batches.records import JobRecord
 from lidcam.readers.location import Location
 from lidcam.run.job import Job
 

@@ -9,10 +9,10 @@ from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path, PurePath
 
-from lidcam.batch.engine import Engine, Task
-from lidcam.batch.jobs import BatchJob
-from lidcam.batch.records import JobRecord, job_key
-from lidcam.batch.store import Store
+from lidcam.batches.engine import Engine, Task
+from lidcam.batches.jobs import BatchJob
+from lidcam.batches.records import JobRecord, job_key
+from lidcam.batches.store import Store
 from lidcam.pipeline.core.errors import OutputError, RecordingError
 from lidcam.pipeline.core.text import visible
 from lidcam.readers.location import Location

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from lidcam.batch.jobs import BatchJob, files_of
+from lidcam.batches.jobs import BatchJob, files_of
 from lidcam.outputs.bucket import Bucket
 from lidcam.outputs.written import WrittenFile, written_file
 from lidcam.readers.files.remote import open_remote

@@ -13,12 +13,12 @@ from pathlib import Path
 import pytest
 from written_jobs import Written
 
-from lidcam.batch.engine import Engine, Task
-from lidcam.batch.jobs import RECORDS, BatchJob, find_jobs
-from lidcam.batch.local import LocalEngine
-from lidcam.batch.records import JobRecord
-from lidcam.batch.run import MATCHES, BatchOptions, run_batch
-from lidcam.batch.store import Store
+from lidcam.batches.engine import Engine, Task
+from lidcam.batches.jobs import RECORDS, BatchJob, find_jobs
+from lidcam.batches.local import LocalEngine
+from lidcam.batches.records import JobRecord
+from lidcam.batches.run import MATCHES, BatchOptions, run_batch
+from lidcam.batches.store import Store
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.run.job import Job
 
@@ -168,7 +168,7 @@ def test_a_bound_process_ends_with_the_thread_that_started_it() -> None:
     sleeps = f"import os, time; os.write({held}, b'begun'); time.sleep(600)"
     code = f"""
 import pickle
-from lidcam.batch.local import LocalEngine
+from lidcam.batches.local import LocalEngine
 LocalEngine(1, ("-c", {sleeps!r}), is_bound=True).run(pickle.loads({pickle.dumps(TASK)!r}), keep_open={held})
 """
     with subprocess.Popen([sys.executable, "-c", code], pass_fds=(held,)) as starter, os.fdopen(end, "rb") as told:

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 from written_jobs import Written
 
-from lidcam.batch.jobs import RECORDS, BatchJob, find_jobs
-from lidcam.batch.records import JobRecord, record_of, record_text
-from lidcam.batch.run import BatchOptions, run_batch
-from lidcam.batch.store import Store
-from lidcam.batch.table import records_table
+from lidcam.batches.jobs import RECORDS, BatchJob, find_jobs
+from lidcam.batches.records import JobRecord, record_of, record_text
+from lidcam.batches.run import BatchOptions, run_batch
+from lidcam.batches.store import Store
+from lidcam.batches.table import records_table
 from lidcam.outputs.written import WrittenFile
 from lidcam.readers.location import RemotePath
 from lidcam.run.job import Job
@@ -55,7 +55,7 @@ def batch(jobs: list[BatchJob], out: Path) -> tuple[list[JobRecord], list[str]]:
 
 
 def test_keys_choose_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidcam.batch.jobs.Bucket", Found)
+    monkeypatch.setattr("lidcam.batches.jobs.Bucket", Found)
     jobs = find_jobs(["s3://fleet/logs"], tmp_path / "out")
     assert {job.name for job in jobs if not job.fault} == {*SOUND}
     records, ran = batch([job for job in jobs if job.fault], tmp_path / "out")

@@ -13,11 +13,11 @@ from tempfile import TemporaryFile
 from threading import Lock
 from typing import BinaryIO
 
-from lidcam.batch.engine import JOB_MIB, Engine, Task, cancelled
-from lidcam.batch.records import JobRecord
+from lidcam.batches.engine import JOB_MIB, Engine, Task, cancelled
+from lidcam.batches.records import JobRecord
 from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES, usable_cores
 
-WORKER = ("-P", "-m", "lidcam.batch.worker")
+WORKER = ("-P", "-m", "lidcam.batches.worker")
 """Arguments of Python for the process of a job, which takes no code from the folder that it runs in."""
 
 TAIL_BYTES = 8192

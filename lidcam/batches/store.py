@@ -10,9 +10,9 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO
 
-from lidcam.batch.jobs import RECORDS
-from lidcam.batch.records import JobRecord, record_of, record_text
-from lidcam.batch.table import TABLE
+from lidcam.batches.jobs import RECORDS
+from lidcam.batches.records import JobRecord, record_of, record_text
+from lidcam.batches.table import TABLE
 from lidcam.outputs.bucket import Bucket, check_output
 from lidcam.outputs.written import WrittenFile, written_file
 from lidcam.pipeline.core.errors import OutputError

@@ -6,7 +6,7 @@ import pytest
 from builders import write_mcap
 from small_drive import small_drive
 
-from lidcam.batch.jobs import find_jobs
+from lidcam.batches.jobs import find_jobs
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.readers.location import RemotePath
 

@@ -1,4 +1,4 @@
-"""The process of one job, `python -m lidcam.batch.worker`: a pickled `Task` in, a pickled `JobRecord` out."""
+"""The process of one job, `python -m lidcam.batches.worker`: a pickled `Task` in, a pickled `JobRecord` out."""
 
 import gc
 import os
@@ -6,8 +6,8 @@ import pickle
 import sys
 from dataclasses import replace
 
-from lidcam.batch.engine import Task
-from lidcam.batch.records import JobRecord, with_outputs, with_summary
+from lidcam.batches.engine import Task
+from lidcam.batches.records import JobRecord, with_outputs, with_summary
 from lidcam.outputs.sending import sent_when_complete
 from lidcam.pipeline.core.text import one_line
 from lidcam.processing import RunObserver, process_recording

@@ -13,12 +13,12 @@ from typing import Any
 
 import pytest
 
-from lidcam.batch.engine import Task
-from lidcam.batch.jobs import find_jobs
-from lidcam.batch.local import LocalEngine
-from lidcam.batch.ray import RayEngine, _task
-from lidcam.batch.records import JobRecord
-from lidcam.batch.run import BatchOptions, run_batch
+from lidcam.batches.engine import Task
+from lidcam.batches.jobs import find_jobs
+from lidcam.batches.local import LocalEngine
+from lidcam.batches.ray import RayEngine, _task
+from lidcam.batches.records import JobRecord
+from lidcam.batches.run import BatchOptions, run_batch
 from lidcam.pipeline.core.errors import LidcamError, WorkerError
 from lidcam.run.job import Job
 
@@ -91,7 +91,7 @@ def test_a_cluster_without_room_is_told(cluster: Any) -> None:
 
 def test_a_node_with_another_version_ends_the_batch(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     engine = RayEngine(1, 1, cluster.address)
-    monkeypatch.setattr("lidcam.batch.ray.version", lambda _: "0.0.1")
+    monkeypatch.setattr("lidcam.batches.ray.version", lambda _: "0.0.1")
     with pytest.raises(WorkerError, match=r"node .*: expected lidcam 0\.0\.1, found .*: install the same version"):
         [*engine.outcomes([lambda one: one.run(TASK, keep_open=None)])]
 
@@ -109,14 +109,14 @@ def test_without_ray_or_without_a_cluster_there_is_one_line(monkeypatch: pytest.
     with pytest.raises(LidcamError, match=r"127\.0\.0\.1:9: expected the head of a Ray cluster, found none"):
         RayEngine(None, 1, "127.0.0.1:9")
     monkeypatch.setitem(sys.modules, "ray", None)
-    monkeypatch.setattr("lidcam.batch.ray._closed", dict)  # the variables would stay
+    monkeypatch.setattr("lidcam.batches.ray._closed", dict)  # the variables would stay
     with pytest.raises(LidcamError, match=r"not installed: pip install 'lidcam\[ray\]'"):
         RayEngine(None, 1, None)
 
 
 CLOSED = """
 import pickle, socket, sys
-from lidcam.batch.ray import RayEngine
+from lidcam.batches.ray import RayEngine
 task = pickle.loads(bytes.fromhex(sys.argv[1]))
 engine = RayEngine(1, 1, None, ("-c", "raise SystemExit('it ran')"))
 import ray

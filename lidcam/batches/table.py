@@ -7,8 +7,8 @@ from io import BytesIO
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from lidcam.batch.jobs import TABLE_STEM
-from lidcam.batch.records import JobRecord
+from lidcam.batches.jobs import TABLE_STEM
+from lidcam.batches.records import JobRecord
 
 TABLE = f"{TABLE_STEM}.parquet"
 """Table of the batch, in the folder of the results; readers of a folder of tables skip names like this."""
