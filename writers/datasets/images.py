@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 import yaml
 
 from lidcam.pipeline.core.arrays import F32, I64, CheckedTable, Names
@@ -134,7 +135,7 @@ class CocoWriter(ImageWriter):
 
     def _boxes(self, labels: ImageLabels, image_id: int) -> list[dict[str, Any]]:
         boxes = []
-        for row, (left, top, right, bottom) in enumerate(labels.xyxy.round(2).tolist()):
+        for row, (left, top, right, bottom) in enumerate(labels.xyxy.astype(np.float64).round(2).tolist()):
             box = {
                 "image_id": image_id,
                 "category_id": self._numbers[str(labels.names[row])] + 1,
