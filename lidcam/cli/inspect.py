@@ -39,7 +39,7 @@ Examples:
   lidcam inspect drive.bag
   lidcam inspect drive.bag --write-rig rig.yaml
   lidcam inspect bag_folder --json
-  lidcam inspect drive.bag --require "topics./points.rate_hz >= 9"
+  lidcam inspect drive.bag --require "skew_max_ms <= 60"
   lidcam inspect broken.bag --repair whole.mcap
   lidcam inspect drive.bag --check --model-2d yolox-nano
   lidcam inspect drive.bag --check --write-rig fixed.yaml
