@@ -35,8 +35,8 @@ COMPILE = "import lidcam.processing"
 
 @with_log_options
 @with_job_options(
-    "config", "settings", "rig", "model_2d", "model_3d", "start_s", "duration_s", "every", "workers", "on_bad_message",
-    "copy_topics",
+    "config", "settings", "rig", "model_2d", "model_3d", "device", "start_s", "duration_s", "every", "workers",
+    "on_bad_message", "copy_topics",
 )  # fmt: skip
 def batch(
     recordings: Annotated[

@@ -48,7 +48,7 @@ Examples:
 
 
 @with_log_options
-@with_job_options("config", "settings", "rig", "model_2d", "model_3d", "overwrite")
+@with_job_options("config", "settings", "rig", "model_2d", "model_3d", "device", "overwrite")
 def inspect(
     paths: Annotated[list[str], typer.Argument(metavar="IN [IN ...]", help="Recording, or the parts of one.")],
     write_rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a draft rig (YAML).")] = None,

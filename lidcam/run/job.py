@@ -80,13 +80,14 @@ class Job:
 
 
 SETTINGS_OF_OPTIONS = {
-    "model_2d": "detect2d.model",
-    "model_3d": "detect3d.model",
-    "copy_topics": "output.copy_topics",
-    "workers": "run.workers",
-    "every": "sync.every",
+    "model_2d": ["detect2d.model"],
+    "model_3d": ["detect3d.model"],
+    "device": ["detect2d.provider", "detect3d.provider"],
+    "copy_topics": ["output.copy_topics"],
+    "workers": ["run.workers"],
+    "every": ["sync.every"],
 }
-"""Options that set a setting."""
+"""Options that set settings."""
 
 
 def make_job(
@@ -106,7 +107,7 @@ def make_job(
     outputs = locations([] if output is None else output)
     if remote := [path for path in outputs if isinstance(path, RemotePath)]:
         raise OutputError(f"{remote[0]}: expected the name of a local file as output")
-    given = {key: options.get(name) for name, key in SETTINGS_OF_OPTIONS.items()}
+    given = {key: options.get(name) for name, keys in SETTINGS_OF_OPTIONS.items() for key in keys}
     more = {key: value for key, value in given.items() if value is not None}
     choice = choose_settings(options.get("config"), options.get("settings", ()), more)
     foxglove, save_matches = options.get("foxglove"), options.get("save_matches")

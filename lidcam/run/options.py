@@ -15,6 +15,7 @@ if TYPE_CHECKING:  # `lidcam --help` does without
     RigSource = RigFile | FilePath | Sequence[RigFile | FilePath]
 
 OnBadMessage = Literal["skip", "fail"]
+Device = Literal["auto", "cpu", "cuda"]
 
 
 class CliOption(NamedTuple):
@@ -44,6 +45,8 @@ class JobOptions(TypedDict, total=False):
         model_2d: 2D network: an ONNX file, or a name that `lidcam fetch` knows; none: without. Default: auto, a fetched
             network if the recording has images without 2D boxes.
         model_3d: 3D network: an ONNX file, traffic (the default for full-size road users) or sandbox.
+        device: Device that runs 2D and 3D networks; auto: cuda where it can be used. Results of cuda differ in the last
+            digits. Default: cpu, or the settings detect2d.provider and detect3d.provider.
         start_s: Skip the first S seconds.
         duration_s: Process S seconds. Default: to the end.
         every: Process every Nth frame only.
@@ -64,6 +67,7 @@ class JobOptions(TypedDict, total=False):
     rig: Annotated["RigSource | None", CliOption(list[str], "--rig", "FILE")]
     model_2d: Annotated["FilePath | None", CliOption(str, "--model-2d", "FILE.onnx|NAME|none")]
     model_3d: Annotated["FilePath | None", CliOption(str, "--model-3d", "FILE.onnx|NAME")]
+    device: Annotated[Device | None, CliOption(Device, "--device")]
     start_s: Annotated[float, CliOption(float, "--start", "S", 0)]
     duration_s: Annotated[float | None, CliOption(float, "--duration", "S", 0)]
     every: Annotated[int | None, CliOption(int, "--every", "N", 1)]
