@@ -3,6 +3,7 @@
 import filecmp
 import shutil
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -38,8 +39,8 @@ def demo(
         raise OutputError(
             f"{folder}: expected a folder to write to: {err.strerror or err}; choose another one"
         ) from err
-    mcap, rerun = recording.with_suffix(".mcap"), recording.with_suffix(".rrd")
-    run_process(make_job(recording, [mcap, rerun], config="sandbox", overwrite=overwrite))
+    mcap, rerun = recording.with_suffix(".mcap"), recording.with_suffix(".rrd") if find_spec("rerun") else None
+    run_process(make_job(recording, [mcap, rerun] if rerun else mcap, config="sandbox", overwrite=overwrite))
     out = console()
     out.print()
     for line in _remarks(recording, mcap, rerun):
@@ -56,12 +57,12 @@ def _copy_sample(path: Path, *, overwrite: bool) -> None:
         shutil.copyfile(SAMPLE, outputs[path].part)
 
 
-def _remarks(recording: Path, mcap: Path, rerun: Path) -> list[str]:
+def _remarks(recording: Path, mcap: Path, rerun: Path | None) -> list[str]:
     layout = mcap.with_suffix(".foxglove.json")
     remarks = [
         "Look at it:",
-        f"  {_program('rerun')} {rerun}",
-        f"  or in Foxglove or Lichtblick: Open local file, {mcap}",
+        *([f"  {_program('rerun')} {rerun}"] if rerun else []),
+        f"  {'or ' if rerun else ''}in Foxglove or Lichtblick: Open local file, {mcap}",
     ]
     if layout.is_file():
         remarks.append(f"    with the layout {layout}")
