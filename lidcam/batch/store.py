@@ -16,8 +16,7 @@ from lidcam.outputs.bucket import Bucket, check_output
 from lidcam.outputs.written import WrittenFile, written_file
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.small_files import read_small_file
-from lidcam.pipeline.core.system import NO_FOLLOW, NO_WAIT, NOT_INHERITED
-from lidcam.pipeline.core.system import lock as hold
+from lidcam.pipeline.core.system import NO_FOLLOW, NO_WAIT, NOT_INHERITED, lock_file
 from lidcam.readers.location import Location
 from lidcam.writers.outputs.transaction import OutputTransaction
 
@@ -129,7 +128,7 @@ class Store:
         lock = self.files.at(f"{RECORDS}/{job}.lock")
         with _open_lock(lock) if isinstance(lock, Path) else TemporaryFile() as file:
             try:
-                hold(file, is_awaited=is_awaited)
+                lock_file(file, is_awaited=is_awaited)
             except BlockingIOError:
                 yield None
             else:

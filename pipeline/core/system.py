@@ -46,7 +46,7 @@ def check_writable_here() -> None:
         )
 
 
-def lock(file: IO[bytes], *, is_awaited: bool = False) -> None:
+def lock_file(file: IO[bytes], *, is_awaited: bool = False) -> None:
     """Hold the lock of an open file as long as it is open (flock: gone with the process).
 
     Args:

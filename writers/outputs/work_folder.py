@@ -18,8 +18,7 @@ from pathlib import Path
 
 from lidcam.pipeline.core.ending import undone_at_once
 from lidcam.pipeline.core.errors import OutputError
-from lidcam.pipeline.core.system import NO_FOLLOW, NOT_INHERITED, check_writable_here
-from lidcam.pipeline.core.system import lock as hold
+from lidcam.pipeline.core.system import NO_FOLLOW, NOT_INHERITED, check_writable_here, lock_file
 
 CANNOT_SYNC = {errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP}
 """Answers of file systems that have no fsync of a folder."""
@@ -62,7 +61,7 @@ class WorkFolder:
             self.path.mkdir(0o700)
             lock = self._held.enter_context((self.path / f"{target.name}.lock").open("xb"))
             with suppress(OSError):  # a file system without locks
-                hold(lock)
+                lock_file(lock)
             self._remove_leftovers(shown)
         except BaseException:
             self.close()
@@ -149,7 +148,7 @@ class WorkFolder:
             path.rmdir()
             return
         with lock.open("rb") as held:
-            hold(held)
+            lock_file(held)
             shutil.rmtree(path)
         logger.info("%s: removed, a run that was killed had left it", path)
 
