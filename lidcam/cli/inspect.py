@@ -171,7 +171,8 @@ def _print(
         failed = f"lidcam could not process it: {inspection.problem}"
         unmet = sum(bool(one.failure) for one in outcomes)
         not_met = f"{unmet} of {len(outcomes)} requirements not met"
-        told = (not_met if unmet else failed) if verdict.failures else first_of(verdict.incomplete) or sound
+        told = failed if inspection.problem and verdict.failures else not_met if unmet else ""
+        told = told or first_of(verdict.incomplete) or sound
         print_inspection(out, inspection, told, every_topic=is_verbose())
         if checked is not None:
             from lidcam.cli.printing.rig_check import print_check
