@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 # \b keeps the lines of a paragraph as they are.
 INSPECT_EXAMPLES = """\b
 Exit codes: 0 sound, all sensors usable; 3 messages are lost, or sensors would
-be left out; 1 cannot be processed, or a requirement is not met; 2 wrong usage.
-With --repair, 0 means that every message was copied.
+be left out; 1 cannot be processed, or a requirement is not met; 2 wrong
+usage. With --repair, 0 means that every message was copied.
 
 \b
 Examples:
