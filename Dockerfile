@@ -9,7 +9,9 @@ COPY constraints-run.txt constraints-compiler.txt .
 RUN /opt/lidcam/bin/pip install --no-cache-dir --only-binary :all: --require-hashes --no-deps --requirement constraints-run.txt --requirement constraints-compiler.txt
 COPY . .
 RUN /opt/lidcam/bin/pip install --no-cache-dir --no-build-isolation --no-deps .
-RUN /opt/lidcam/bin/pip uninstall --yes ziglang
+# --build-arg LEFT_OUT="rerun-sdk pyarrow" makes it 0.7 GB smaller: docs/install.md, "Without the viewer".
+ARG LEFT_OUT=
+RUN /opt/lidcam/bin/pip uninstall --yes ziglang $LEFT_OUT
 
 FROM python:3.12-slim
 COPY --from=build /opt/lidcam /opt/lidcam

@@ -25,7 +25,7 @@ from lidcam.notebook.loaded import load_result
 from lidcam.notebook.result import ObjectCollector, RunResult, ShownBatch, ShownInspection
 from lidcam.notebook.site_map import SiteMap, read_site_map
 from lidcam.outputs.export.export import Exported, export_results
-from lidcam.outputs.export.scene import ExportOptions
+from lidcam.outputs.export.frames import ExportOptions
 from lidcam.outputs.registry import DatasetFormat
 from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Matches

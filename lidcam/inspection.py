@@ -8,6 +8,7 @@ from typing import Any
 from lidcam.checks.calibration.check import check_first_clouds
 from lidcam.checks.clocks import clock_notes, sync_warnings
 from lidcam.checks.messages import check_not_empty
+from lidcam.evaluation.figures import NamedFigures
 from lidcam.pipeline.core.errors import CalibrationError, RecordingError, short_memory_told
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
@@ -37,6 +38,10 @@ INSPECTED_NS = 5_000_000_000
 """Examined part of a recording on a server: enough for the rate of a topic of 1 Hz."""
 
 
+TOPIC_FIGURES = ("count", "rate_hz", "gaps", "longest_gap_s", "delay_s", "backwards")
+"""Figures of a topic: fields of `TopicSurvey`."""
+
+
 @dataclass(frozen=True, slots=True)
 class Inspection:
     """The contents of a recording. Holds no open file.
@@ -56,6 +61,7 @@ class Inspection:
         faults: Sensors that would be left out, with the reasons.
         missing: Sensors that would be missing from frames.
         drops: Messages that synchronisation would drop.
+        sync: Frames that they would make; None if it cannot process the recording.
         notes: Remarks on topics and sensors.
         warnings: What stamps say of clocks and silence, and reasons in the first messages to doubt the calibration.
         motion_topics: Topics of the motion of the site frame; empty where it stands still.
@@ -79,6 +85,7 @@ class Inspection:
     faults: tuple[SensorFault, ...] = ()
     missing: tuple[MissingSensor, ...] = ()
     drops: tuple[DropCount, ...] = ()
+    sync: SyncStats | None = None
     notes: tuple[str, ...] = ()
     warnings: tuple[RunWarning, ...] = ()
     motion_topics: tuple[str, ...] = ()
@@ -93,6 +100,33 @@ class Inspection:
     def incomplete(self) -> tuple[str, ...]:
         """Parts that lidcam could not use, one short line each, as a run would say."""
         return tuple(incomplete_lines(self.faults, self.missing, self.drops, self.losses))
+
+    @property
+    def figures(self) -> NamedFigures:
+        """Its figures by name, such as `topics./points.rate_hz`, of which requirements can be made."""
+        sync = self.sync or SyncStats()
+        lidars, cameras = (self.rig.lidars, self.rig.cameras) if self.rig else ((), ())
+        usable = dict.fromkeys((*(one.name for one in lidars), *(one.name for one in cameras)), 1)
+        left_out = {fault.sensor: 0 for fault in self.faults if fault.sensor not in usable}
+        return NamedFigures(
+            {
+                "duration_s": (self.end_ns - self.start_ns) / 1e9,
+                "messages": self.messages,
+                "damaged_parts": len(self.losses),
+                "lidars": len(lidars),
+                "cameras": len(cameras),
+                "motion_topics": len(self.motion_topics),
+                "sensors_left_out": len(self.faults),
+                "sensors_missing": len(self.missing),
+                "warnings": len(self.warnings),
+                "dropped_messages": sum(drop.count for drop in self.drops if drop.unit == "messages"),
+                "frames": sync.sets,
+                "skew_mean_ms": sync.skew_mean_ns / 1e6 if sync.sets else None,
+                "skew_max_ms": sync.skew_max_ns / 1e6 if sync.sets else None,
+                "sensors": {name: {"usable": is_usable} for name, is_usable in (usable | left_out).items()},
+                "topics": {one.topic: {name: getattr(one, name) for name in TOPIC_FIGURES} for one in self.topics},
+            }
+        )
 
 
 def inspect_recording(inputs: Sequence[Location], choice: SettingsChoice, rig: RigSource | None = None) -> Inspection:
@@ -146,6 +180,7 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         problem="" if stats.sets or window.stop_ns is not None else _said(no_frames(source, drops), recording),
         missing=tuple(missing),
         drops=drops.rows,
+        sync=stats,
         rig=found.rig,
         draft=draft_yaml(sensors, found.rig.zones),
         sensors=found.sources,
@@ -180,6 +215,7 @@ def inspection_tree(inspection: Inspection) -> dict[str, Any]:
         "losses": loss_records(inspection.losses),
         "problem": inspection.problem,
         "looked_at_until_ns": inspection.stop_ns,
+        "figures": inspection.figures.tree,
     }
     if inspection.rig is not None:
         tree |= {

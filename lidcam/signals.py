@@ -10,28 +10,25 @@ import sys
 from types import FrameType
 
 from lidcam.pipeline.core.ending import undo_all
-
-if not hasattr(signal, "SIGHUP"):
-    sys.exit("lidcam: error: Windows is not supported yet: install lidcam in WSL (`wsl --install`), or in a container")
+from lidcam.pipeline.core.system import ENDING_SIGNALS
 
 STDERR = 2
-REASONS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "ended: its terminal was closed"}
 
 
 def end_at_signals() -> None:
     """From now on, end at each of these signals; one that is ignored, as nohup does with SIGHUP, stays ignored."""
-    for number in REASONS:
+    for number in ENDING_SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _end)
 
 
 def _end(number: int, _: FrameType | None) -> None:
     """End with the exit code that shells use; further signals do not disturb it."""
-    for other in REASONS:
+    for other in ENDING_SIGNALS:
         signal.signal(other, signal.SIG_IGN)
     try:
         undo_all()
-        _say(REASONS[signal.Signals(number)])
+        _say(ENDING_SIGNALS[signal.Signals(number)])
     finally:
         os._exit(128 + number)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.system import read_at
 from lidcam.pipeline.parallel.background import Background
 from lidcam.readers.location import Location, RemotePath
 
@@ -102,7 +103,7 @@ class OpenedFile:
     def read(self, at: int, size: int) -> bytes:
         """At most `size` bytes from `at` on; leaves the stream's position alone."""
         try:
-            return b"" if self.stream is None else os.pread(self.stream.fileno(), size, at)
+            return b"" if self.stream is None else read_at(self.stream, size, at)
         except OSError as err:
             raise _unreadable(self.path, err) from err
 

@@ -55,8 +55,17 @@ def test_the_site_is_built_without_warnings(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     api = (tmp_path / "site" / "api" / "index.html").read_text(encoding="utf-8")
+    assert (tmp_path / "site" / "llms.txt").is_file()
     shown = set(re.findall(r'id="lidcam\.api\.(\w+)"', api))
     assert set(lidcam.api.__all__) - shown == {"__version__"}
+
+
+def test_language_models_are_told_of_every_page() -> None:
+    """https://llmstxt.org: a title, a summary, sections of links."""
+    text = (ROOT / "docs" / "llms.txt").read_text(encoding="utf-8")
+    assert re.match(r"# lidcam\n\n> .+\n\n", text)
+    listed = re.findall(r"^- \[[^\]]+\]\(https://lidcam\.github\.io/lidcam/([\w-]+)/\): .+$", text, re.MULTILINE)
+    assert sorted(listed) == sorted(path.stem for path in (ROOT / "docs").glob("*.md") if path.stem != "index")
 
 
 @pytest.mark.parametrize(

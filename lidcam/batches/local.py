@@ -15,6 +15,7 @@ from typing import BinaryIO
 
 from lidcam.batches.engine import JOB_MIB, Engine, Task, cancelled
 from lidcam.batches.records import JobRecord
+from lidcam.pipeline.core.system import free_memory_mib
 from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES, usable_cores
 
 WORKER = ("-P", "-m", "lidcam.batches.worker")
@@ -99,5 +100,4 @@ def _ended_with_parent() -> Callable[[], object]:
 
 def jobs_that_fit(count: int) -> int:
     """The number of jobs, of `count`, that cores and memory have room for at once."""
-    memory_mib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES") // 2**20
-    return max(min(count, usable_cores(), memory_mib // JOB_MIB), 1)
+    return max(min(count, usable_cores(), free_memory_mib() // JOB_MIB), 1)

@@ -1,6 +1,5 @@
 """The folder of a batch, local or in an object store: its results, and the records of its jobs."""
 
-import fcntl
 import logging
 import os
 import stat
@@ -17,6 +16,7 @@ from lidcam.outputs.bucket import Bucket, check_output
 from lidcam.outputs.written import WrittenFile, written_file
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.small_files import read_small_file
+from lidcam.pipeline.core.system import NO_FOLLOW, NO_WAIT, NOT_INHERITED, lock_file
 from lidcam.readers.location import Location
 from lidcam.writers.outputs.transaction import OutputTransaction
 
@@ -128,7 +128,7 @@ class Store:
         lock = self.files.at(f"{RECORDS}/{job}.lock")
         with _open_lock(lock) if isinstance(lock, Path) else TemporaryFile() as file:
             try:
-                fcntl.flock(file, fcntl.LOCK_EX | (0 if is_awaited else fcntl.LOCK_NB))
+                lock_file(file, is_awaited=is_awaited)
             except BlockingIOError:
                 yield None
             else:
@@ -137,7 +137,7 @@ class Store:
 
 def _open_lock(path: Path) -> IO[bytes]:
     """A lock, made if it is missing."""
-    flags = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    flags = NO_FOLLOW | NO_WAIT | NOT_INHERITED
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | flags, 0o666)
     except PermissionError:  # of another user who shares the folder

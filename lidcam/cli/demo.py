@@ -2,6 +2,7 @@
 
 import filecmp
 import shutil
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -34,7 +35,8 @@ def demo(
             _copy_sample(recording, overwrite=overwrite)  # to be tried out with other commands
         except OSError as err:
             raise OutputError(f"{folder}: cannot write there: {err.strerror or err}; choose another folder") from err
-        outputs = [recording.with_suffix(ending) for ending in (".mcap", ".rrd", ".html")]
+        endings = (".mcap", *[".rrd"] * (find_spec("rerun") is not None), ".html")
+        outputs = [recording.with_suffix(ending) for ending in endings]
         run_process(make_job(recording, outputs, config="sandbox", overwrite=overwrite))
     show_line(console(), f"processed: {recording}; lidcam inspect {recording} shows what is in it")
 

@@ -15,6 +15,7 @@ EXPORT_EXAMPLES = """\b
 Examples:
   lidcam export out.mcap --format kitti --out dataset
   lidcam export out.mcap --format nuscenes --only confirmed --out set
+  lidcam export out.mcap --format yolo --every 10 --out images
 """
 
 
@@ -30,19 +31,22 @@ def export(
     camera: Annotated[
         str,
         typer.Option(
-            metavar="NAME", help="Camera for KITTI's image_2. Default: the first with images.", show_default=False
+            metavar="NAME",
+            help="The camera of KITTI's image_2 (default: the first with images), or the only one of coco and yolo.",
+            show_default=False,
         ),
     ] = "",
     truth: Truth = None,
 ) -> None:
     """Write results as a data set: clouds, images, calibration, boxes.
 
-    Labels are the ground truth if there is any, else lidcam's objects, which are always written as scored detections,
-    too.
+    kitti and nuscenes have 3D boxes, coco and yolo 2D boxes in the images as recorded. Labels are the ground truth if
+    there is any, else what lidcam found: objects with the 2D box of the camera, or projected. All but yolo also have
+    what it found as scored detections.
     """
     from lidcam.cli.printing.progress import show_progress
     from lidcam.outputs.export.export import export_results
-    from lidcam.outputs.export.scene import ExportOptions
+    from lidcam.outputs.export.frames import ExportOptions
     from lidcam.run.job import locations
 
     given = tuple(locations(truth or ()))
@@ -50,6 +54,6 @@ def export(
     done = export_results(results, out, format_name, options, show_progress)
     for line in done.remarks:
         remark_log.info("%s", line)
-    labels = "" if done.true_objects is None else f", {done.true_objects} ground-truth objects"
-    remark_log.info("wrote %s: %d frames, %d objects%s", out, done.frames, done.objects, labels)
+    kind = "ground-truth boxes" if done.of_truth else "boxes"
+    remark_log.info("wrote %s: %d frames, %d images, %d %s", out, done.frames, done.images, done.boxes, kind)
     Verdict((), done.incomplete).end()

@@ -1,13 +1,20 @@
 """The command `lidcam inspect`."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Unpack
 
 import typer
 
-from lidcam.cli.options import AsJson, output_option, with_job_options, with_log_options
+from lidcam.cli.options import (
+    AsJson,
+    Require,
+    output_option,
+    requirement_errors,
+    with_job_options,
+    with_log_options,
+)
 from lidcam.cli.printing.log import is_verbose, remark_log
 from lidcam.cli.verdict import Verdict, first_of
 from lidcam.readers.location import location
@@ -15,6 +22,7 @@ from lidcam.run.options import JobOptions
 
 if TYPE_CHECKING:
     from lidcam.checks.calibration.rig_check import RigCheck
+    from lidcam.evaluation.requirement import Outcome
     from lidcam.inspection import Inspection
     from lidcam.readers.recording import Recording, TopicInfo
     from lidcam.run.job import Job
@@ -23,14 +31,15 @@ if TYPE_CHECKING:
 # \b keeps the lines of a paragraph as they are.
 INSPECT_EXAMPLES = """\b
 Exit codes: 0 sound, all sensors usable; 3 messages are lost, or sensors would
-be left out; 1 cannot be processed; 2 wrong usage. With --repair, 0 means that
-every message was copied.
+be left out; 1 cannot be processed, or a requirement is not met; 2 wrong
+usage. With --repair, 0 means that every message was copied.
 
 \b
 Examples:
   lidcam inspect drive.bag
   lidcam inspect drive.bag --write-rig rig.yaml
   lidcam inspect bag_folder --json
+  lidcam inspect drive.bag --require "skew_max_ms <= 60"
   lidcam inspect broken.bag --repair whole.mcap
   lidcam inspect drive.bag --check --model-2d yolox-nano
   lidcam inspect drive.bag --check --write-rig fixed.yaml
@@ -39,7 +48,7 @@ Examples:
 
 
 @with_log_options
-@with_job_options("config", "settings", "rig", "model_2d", "model_3d", "overwrite")
+@with_job_options("config", "settings", "rig", "model_2d", "model_3d", "device", "overwrite")
 def inspect(
     paths: Annotated[list[str], typer.Argument(metavar="IN [IN ...]", help="Recording, or the parts of one.")],
     write_rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a draft rig (YAML).")] = None,
@@ -48,6 +57,7 @@ def inspect(
         bool,
         typer.Option("--check", help="Process it all to check poses and clocks; --write-rig writes them corrected."),
     ] = False,
+    requirements: Require = None,
     as_json: AsJson = False,
     **options: Unpack[JobOptions],
 ) -> None:
@@ -55,6 +65,7 @@ def inspect(
 
     Topics, types, rates, gaps, sensors, sources of calibration, and damage.
     """
+    from lidcam.evaluation.requirement import read_requirements
     from lidcam.inspection import inspect_open, inspect_recording
     from lidcam.outputs.allowed import REPAIRED, TEXT, check_no_input, check_replaced, is_own_mcap
     from lidcam.readers.open import open_recording
@@ -71,6 +82,8 @@ def inspect(
         raise typer.BadParameter("not together with --repair: check the repaired recording", param_hint="--check")
     if check:  # of the calibration as recorded
         options["settings"] = [*options.get("settings", ()), "fuse.calibration=recorded"]
+    with requirement_errors():
+        required = read_requirements(requirements or ())
     job = make_job([location(path) for path in paths], **options)
     files = [file for file in (repair, write_rig) if file is not None]
     check_no_input(files, (*job.inputs, *job.read_files))
@@ -101,7 +114,7 @@ def inspect(
         elif write_rig is not None:
             if not inspection.draft:  # print what was found, and end without any output
                 problem = f"{write_rig}: no rig to write: {inspection.problem}"
-                _print(inspection, Verdict((problem,)), as_json=as_json, repaired=repair is not None)
+                _print(inspection, Verdict((problem,)), (), as_json=as_json, repaired=repair is not None)
             outputs[write_rig].write_text(marked_yaml(inspection.draft))
             remarks.insert(0, f"wrote {write_rig}")
     for path in job.inputs:
@@ -111,7 +124,10 @@ def inspect(
     for remark in remarks:  # the files have their names now
         remark_log.info("%s", remark)
     verdict = verdict or _verdict(inspection, needs_rig=write_rig is None)
-    _print(inspection, verdict, as_json=as_json, repaired=repair is not None, checked=checked)
+    outcomes = [one.check(inspection.figures) for one in required]
+    unmet = (outcome.failure for outcome in outcomes if outcome.failure)
+    verdict = verdict._replace(failures=(*verdict.failures, *unmet))
+    _print(inspection, verdict, outcomes, as_json=as_json, repaired=repair is not None, checked=checked)
 
 
 def _verdict(inspection: "Inspection", *, needs_rig: bool) -> Verdict:
@@ -133,7 +149,13 @@ def _checked(job: "Job") -> "RigCheck":
 
 
 def _print(
-    inspection: "Inspection", verdict: Verdict, *, as_json: bool, repaired: bool, checked: "RigCheck | None" = None
+    inspection: "Inspection",
+    verdict: Verdict,
+    outcomes: "Sequence[Outcome]",
+    *,
+    as_json: bool,
+    repaired: bool,
+    checked: "RigCheck | None" = None,
 ) -> None:
     """Print what was found, and end with the verdict."""
     from lidcam.cli.printing.console import print_inspection
@@ -142,7 +164,7 @@ def _print(
 
     out = console()
     if as_json:
-        tree = inspection_tree(inspection) | verdict.tree()
+        tree = inspection_tree(inspection) | {"requirements": [one.tree() for one in outcomes]} | verdict.tree()
         if checked is not None:
             from lidcam.cli.printing.rig_check import check_tree
 
@@ -151,7 +173,10 @@ def _print(
     else:
         sound = "every message was copied" if repaired else "sound, and all of its sensors can be used"
         failed = f"lidcam could not process it: {inspection.problem}"
-        told = failed if verdict.failures else first_of(verdict.incomplete) or sound
+        unmet = sum(bool(one.failure) for one in outcomes)
+        not_met = f"{unmet} of {len(outcomes)} requirements not met"
+        told = failed if inspection.problem and verdict.failures else not_met if unmet else ""
+        told = told or first_of(verdict.incomplete) or sound
         print_inspection(out, inspection, told, every_topic=is_verbose())
         if checked is not None:
             from lidcam.cli.printing.rig_check import print_check

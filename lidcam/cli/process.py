@@ -5,6 +5,7 @@ import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
@@ -137,7 +138,9 @@ def process(
         )
     inputs, output, folder = _places(paths, out)
     if folder is not None:
-        rerun, report = rerun or str(output.with_suffix(".rrd")), report or str(output.with_suffix(".html"))
+        report = report or str(output.with_suffix(".html"))
+        if find_spec("rerun") is not None:
+            rerun = rerun or str(output.with_suffix(".rrd"))
     if options.get("workers") != 1:
         # Processes already fill the cores; threads of libraries inside of one would only wait for each other.
         # Read once, when the libraries are loaded.

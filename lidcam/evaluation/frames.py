@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from lidcam.pipeline.core.detections import Boxes2D
 from lidcam.pipeline.evaluation.evaluation_frame import (
     EvaluationFrame,
     ImageBoxes,
@@ -53,7 +52,7 @@ class EvaluationFrames:
             # Without recorded motion the site frame would stand still; where it does not, its place is not known.
             T_fixed_site = None if self._result.is_adrift else self._poses.T_fixed_site(frame.stamp_ns)
             truth = self._truth_at(frame)
-            shown = {name: self._in_image(name, found, frame) for name, found in frame.cameras.items()}
+            shown = {name: self.in_image(name, found.stamp_ns, frame.index) for name, found in frame.cameras.items()}
             yield EvaluationFrame(
                 index=frame.index,
                 stamp_ns=frame.stamp_ns,
@@ -89,14 +88,14 @@ class EvaluationFrames:
         is_ignored = in_site.is_ignored | ~is_reported(in_site.centers, self._result.rig.zones)
         return replace(in_site, is_ignored=is_ignored)
 
-    def _in_image(self, name: str, found: Boxes2D, frame: ResultFrame) -> TruthBoxes2D | None:
-        """True boxes of an image: those that the truth has, else its objects at the time of the image, projected."""
+    def in_image(self, name: str, stamp_ns: int, frame: int) -> TruthBoxes2D | None:
+        """True boxes of a frame's image: those that the truth has, else its objects at the image's time, projected."""
         if self._truth is None:
             return None
-        shown = self._truth.in_image(name, found.stamp_ns, frame=frame.index)
+        shown = self._truth.in_image(name, stamp_ns, frame=frame)
         if shown is not None:
             return shown
-        moment = self._truth.moment(found.stamp_ns, frame=frame.index)
+        moment = self._truth.moment(stamp_ns, frame=frame)
         if moment is None or (in_site := self._in_site(moment.boxes)) is None:
             return None
         return projected_truth(in_site, self._cameras[name], moment.camera_pixels.get(name))

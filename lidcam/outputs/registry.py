@@ -111,14 +111,16 @@ OUTPUTS = [
 ]
 """What a run writes or shows."""
 
-DatasetFormat = Literal["kitti", "kitti-tracking", "nuscenes"]
+DatasetFormat = Literal["kitti", "kitti-tracking", "nuscenes", "coco", "yolo"]
 
 DATASETS: dict[DatasetFormat, str] = {
     "kitti": "lidcam.writers.datasets.kitti:KittiWriter",
     "kitti-tracking": "lidcam.writers.datasets.kitti:KittiTrackingWriter",
     "nuscenes": "lidcam.writers.datasets.nuscenes:NuScenesWriter",
+    "coco": "lidcam.writers.datasets.images:CocoWriter",
+    "yolo": "lidcam.writers.datasets.images:YoloWriter",
 }
-"""What `lidcam export` makes of finished results: the `DatasetWriter` of each format."""
+"""What `lidcam export` makes of finished results: the `DatasetWriter` of each format, or its `ImageWriter`."""
 
 
 def output_of(path: PurePath) -> Output | None:

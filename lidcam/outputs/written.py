@@ -6,6 +6,7 @@ from hashlib import file_digest
 from pathlib import Path
 
 from lidcam.pipeline.core.small_files import open_regular
+from lidcam.pipeline.core.system import NO_FOLLOW
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +31,7 @@ def written_file(path: Path, known: WrittenFile | None = None) -> WrittenFile | 
     """
     if not os.path.lexists(path):
         return None
-    with open_regular(path, os.O_NOFOLLOW) as file:
+    with open_regular(path, NO_FOLLOW) as file:
         status = os.fstat(file.fileno())
         facts = f"{status.st_ino} {status.st_mtime_ns} {status.st_ctime_ns}"
         if known is not None and (known.bytes, known.facts) == (status.st_size, facts):

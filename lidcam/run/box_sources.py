@@ -18,9 +18,11 @@ from lidcam.pipeline.core.frame import Decoded, FrameResult, SensorBundle
 from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.detect import Detect2DConfig, Detect3DConfig
 from lidcam.pipeline.detectors.cluster.kinds import knows
 from lidcam.pipeline.detectors.given import FindInCloud, FindInImage, GivenDetector2D, GivenDetector3D
 from lidcam.pipeline.detectors.onnx.class_names import COCO_LABELS
+from lidcam.pipeline.detectors.onnx.providers import chosen
 from lidcam.pipeline.detectors.pillars.embedded import EMBEDDED, network_file
 from lidcam.pipeline.graph import Graph, Node
 from lidcam.readers.recording import Recording
@@ -137,6 +139,17 @@ def with_network_2d(config: Config, recording: Recording, rig: Rig) -> Config:
     model = fetched_network() if has_images and _may_fetch(config, rig) else None
     update = {"detect2d": config.detect2d.model_copy(update={"model": model})}
     return config.model_copy(update=update) if model else config
+
+
+def with_device(config: Config) -> Config:
+    """The settings with the providers decided that are `auto`: results say what ran their networks."""
+    sections: dict[str, Detect2DConfig | Detect3DConfig] = {"detect2d": config.detect2d, "detect3d": config.detect3d}
+    update = {
+        name: section.model_copy(update={"provider": chosen(section.provider)})
+        for name, section in sections.items()
+        if section.provider == "auto"
+    }
+    return config.model_copy(update=update) if update else config
 
 
 def boxes_2d_words(config: Config, rig: Rig) -> tuple[str, str]:

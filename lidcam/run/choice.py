@@ -14,7 +14,7 @@ from lidcam.readers.recording import Recording
 from lidcam.readers.rig.discovery import Discovery
 from lidcam.readers.rig.schema import RigFile
 from lidcam.readers.rig.search import zones_of
-from lidcam.run.box_sources import with_network_2d
+from lidcam.run.box_sources import with_device, with_network_2d
 from lidcam.run.scene import SceneSize, clouds_show_motion, judge, measure_scene, scene_text
 
 DEFAULTS = "defaults"
@@ -113,7 +113,7 @@ def use_settings(
             if preset != "road" and clouds_show_motion(recording, found.rig, choice.config):
                 moves, preset = True, judge(size, moves=True)
             config, used = choice.by_preset[preset], UsedSettings(preset, "judged", size, moves)
-    config = with_network_2d(config, recording, found.rig)
+    config = with_device(with_network_2d(config, recording, found.rig))
     return config, used, replace(found, rig=replace(found.rig, zones=zones_of(rig_file, config)))
 
 

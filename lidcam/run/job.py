@@ -92,13 +92,14 @@ class Job:
 ALL_OPTIONS = tuple(JobOptions.__annotations__)
 
 SETTINGS_OF_OPTIONS = {
-    "model_2d": "detect2d.model",
-    "model_3d": "detect3d.model",
-    "copy_topics": "output.copy_topics",
-    "workers": "run.workers",
-    "every": "sync.every",
+    "model_2d": ["detect2d.model"],
+    "model_3d": ["detect3d.model"],
+    "device": ["detect2d.provider", "detect3d.provider"],
+    "copy_topics": ["output.copy_topics"],
+    "workers": ["run.workers"],
+    "every": ["sync.every"],
 }
-"""Options that set a setting."""
+"""Options that set settings."""
 
 
 @with_job_keywords(*ALL_OPTIONS)
@@ -126,7 +127,7 @@ def make_job(
         raise OutputError(f"{remote[0]}: expected the name of a local file as output")
     options = {**DEFAULTS, **options}
     given = _given_detectors(options)
-    values: dict[str, object] = {key: options.get(name) for name, key in SETTINGS_OF_OPTIONS.items()}
+    values: dict[str, object] = {key: options.get(name) for name, keys in SETTINGS_OF_OPTIONS.items() for key in keys}
     values |= {"detect3d.method": given.in_cloud and "callable", "detect2d.method": given.in_images and "callable"}
     more = {key: value for key, value in values.items() if value is not None}
     choice = choose_settings(options.get("config"), options["settings"], more)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # `lidcam --help` does without
     RigSource = RigFile | FilePath | Sequence[RigFile | FilePath]
 
 OnBadMessage = Literal["skip", "fail"]
+Device = Literal["auto", "cpu", "cuda"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -51,6 +52,8 @@ class SharedOptions(TypedDict, total=False):
         model_2d: 2D network: an ONNX file, or a name that `lidcam fetch` knows; none: without. Default: auto, a fetched
             network if the recording has images without 2D boxes.
         model_3d: 3D network: an ONNX file, traffic (the default for full-size road users) or sandbox.
+        device: Device that runs 2D and 3D networks; auto: cuda where it can be used. Results of cuda differ in the last
+            digits. Default: cpu, or the settings detect2d.provider and detect3d.provider.
         start_s: Skip the first S seconds.
         duration_s: Process S seconds. Default: to the end.
         every: Process every Nth frame only.
@@ -65,6 +68,7 @@ class SharedOptions(TypedDict, total=False):
     rig: Annotated["RigSource | None", CliOption(list[str], "--rig", "FILE", group="Sensors")]
     model_2d: Annotated["FilePath | None", CliOption(str, "--model-2d", "FILE.onnx|NAME|none", group="Networks")]
     model_3d: Annotated["FilePath | None", CliOption(str, "--model-3d", "FILE.onnx|NAME", group="Networks")]
+    device: Annotated[Device | None, CliOption(Device, "--device", group="Networks")]
     start_s: Annotated[float, CliOption(float, "--start", "S", 0, group="Inputs")]
     duration_s: Annotated[float | None, CliOption(float, "--duration", "S", 0, group="Inputs")]
     every: Annotated[int | None, CliOption(int, "--every", "N", 1, group="Inputs")]

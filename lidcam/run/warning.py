@@ -9,6 +9,9 @@ from lidcam.pipeline.core.text import one_line
 NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS}
 
+MAY_BE_MISSING = {"rerun": "rerun-sdk", "pyarrow": "pyarrow", "scipy": "scipy", "jinja2": "jinja2"}
+"""Packages, by module, that an installation may leave out: most commands do without them (docs/install.md)."""
+
 
 @dataclass(frozen=True, slots=True)
 class RunWarning:
@@ -31,4 +34,6 @@ def error_line(err: Exception) -> str:
             return "the folder that this was started in is gone: change to another one"
         if err.errno in NO_SPACE or (err.errno in FORBIDDEN and err.filename is not None):
             return f"{err.filename or 'standard output'}: {err.strerror}"
+    if isinstance(err, ModuleNotFoundError) and (package := MAY_BE_MISSING.get((err.name or "").partition(".")[0])):
+        return f"this needs {package}, which is not installed: pip install {package}"
     return ""

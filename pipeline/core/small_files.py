@@ -9,6 +9,7 @@ from pathlib import Path
 from stat import S_ISREG
 
 from lidcam.pipeline.core.errors import LidcamError
+from lidcam.pipeline.core.system import NO_WAIT
 
 
 @contextmanager
@@ -17,12 +18,12 @@ def open_regular(path: Path, flags: int = 0) -> Iterator[BufferedReader]:
 
     Args:
         path: The file.
-        flags: More flags of open(2), for instance O_NOFOLLOW.
+        flags: More flags of open(2), for instance `NO_FOLLOW`.
 
     Raises:
         OSError: it cannot be opened, or is no regular file.
     """
-    with open(path, "rb", opener=lambda name, given: os.open(name, given | os.O_NONBLOCK | flags)) as stream:
+    with open(path, "rb", opener=lambda name, given: os.open(name, given | NO_WAIT | flags)) as stream:
         if not S_ISREG(os.fstat(stream.fileno()).st_mode):
             raise OSError(EINVAL, "expected a regular file, found a FIFO or a device", str(path))
         yield stream

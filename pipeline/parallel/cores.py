@@ -14,7 +14,9 @@ CGROUP_LIMIT = Path("/sys/fs/cgroup/cpu.max")
 
 def usable_cores() -> int:
     """The cores that this process may run on, and no more than the share of its container is worth."""
-    # macOS and Windows do not tell where a process may run.
+    if not hasattr(os, "fork"):  # Windows: processes cannot share the work there
+        return 1
+    # macOS does not tell where a process may run.
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     try:
         share, period = CGROUP_LIMIT.read_text(encoding="ascii").split()

@@ -20,6 +20,7 @@ from typing import Any, cast
 
 from lidcam.pipeline.core.ending import undone_at_once
 from lidcam.pipeline.core.errors import WorkerError
+from lidcam.pipeline.core.system import ENDING_SIGNALS
 from lidcam.pipeline.graph import Graph, Node
 from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from lidcam.pipeline.parallel.transfer import connected, receive, send
@@ -29,9 +30,6 @@ CODE = (
     "import sys; sys.path[:] = sys.argv[2:]; from lidcam.pipeline.parallel.worker import serve; serve(int(sys.argv[1]))"
 )
 """Imports no module of the user's by name, so a script needs no guard, and passes the path of modules on."""
-
-FROM_OUTSIDE = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""Signals that terminals and service managers send to all processes. The one that started the others acts on them."""
 
 MAX_FRAMES = 2
 """Most frames of a process: one in work, and one at hand, so that it need not wait for the next."""
@@ -181,8 +179,14 @@ class WorkerProcess:
 
 @contextmanager
 def signals_blocked() -> Iterator[None]:
-    """Block signals from outside: processes that start in the block never get them, this thread gets them after it."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, FROM_OUTSIDE)
+    """Block signals from outside: processes that start in the block never get them, this thread gets them after it.
+
+    Raises:
+        WorkerError: the system cannot.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        raise WorkerError("expected Linux or macOS for worker processes, found Windows: set run.workers=1")
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [*ENDING_SIGNALS])
     try:
         yield
     finally:

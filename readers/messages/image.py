@@ -210,6 +210,21 @@ def decode_compressed_image(message: RawMessage, *, limits: RecordingLimits = DE
     return Image(message.stamp_ns, clean_frame(compressed.header.frame_id), rgb)
 
 
+def image_file(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS) -> tuple[bytes, str] | None:
+    """The JPEG or PNG in a CompressedImage, and the ending of its name; None if other programs would not show it right.
+
+    The message is one that `decode_compressed_image` decodes.
+    """
+    if message.channel.msgtype != COMPRESSED_IMAGE:
+        return None
+    compressed = deserialize_as(message, COMPRESSED_IMAGE, limits=limits)
+    encoding = PACKED.get(compressed.format.split(";")[0].strip().lower())
+    data = compressed.data.tobytes()
+    endings = {b"\xff\xd8\xff": ".jpg", b"\x89PNG\r\n": ".png"}
+    ending = next((ending for magic, ending in endings.items() if data.startswith(magic)), None)
+    return None if ending is None or (encoding is not None and encoding.mosaic) else (data, ending)
+
+
 def _packed(image: Any, encoding: str, topic: str) -> U8:
     layout = PACKED[encoding]
     height, width, step = int(image.height), int(image.width), int(image.step)

@@ -1,5 +1,6 @@
 """Results as data sets, through the command; `benchmarks/nuscenes_kit.py` asks nuScenes's own kit about them."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +9,13 @@ from command import Lidcam
 from helpers import CLUSTERS
 
 import lidcam as front_door
+from lidcam.readers.open import open_recording
 from lidcam.readers.results.result import open_result
 from lidcam.readers.rig.importers.kitti import kitti_calibration
 from lidcam.readers.truth.kitti import parse_kitti_labels
 
 
-@pytest.mark.parametrize("name", ["kitti", "kitti-tracking", "nuscenes"])
+@pytest.mark.parametrize("name", ["kitti", "kitti-tracking", "nuscenes", "coco", "yolo"])
 def test_every_format_is_written_and_nothing_is_replaced(
     lidcam: Lidcam, first_result: Path, tmp_path: Path, name: str
 ) -> None:
@@ -59,14 +61,15 @@ def test_kitti_labels_are_the_objects_that_the_camera_sees(lidcam: Lidcam, first
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--camera", "cam99"), "out: expected a camera with images, cam11, "),
-        (("--truth", "missing.json"), "missing.json: no such file or folder"),
+        (("kitti", "--camera", "cam99"), "out: expected a camera with images, cam11, "),
+        (("coco", "--camera", "cam99"), "out.mcap: expected a camera with images, cam11, "),
+        (("kitti", "--truth", "missing.json"), "missing.json: no such file or folder"),
     ],
 )
 def test_what_cannot_be_exported_leaves_nothing(
     lidcam: Lidcam, first_result: Path, tmp_path: Path, arguments: tuple[str, ...], said: str
 ) -> None:
-    done = lidcam("export", first_result, "--format", "kitti", "--out", tmp_path / "set", *arguments)
+    done = lidcam("export", first_result, "--out", tmp_path / "set", "--format", *arguments)
     assert done.code == 1
     assert said in done.error_line
     assert not [*tmp_path.iterdir()]
@@ -81,6 +84,29 @@ def test_results_without_clouds_or_of_one_name_are_told(lidcam: Lidcam, first_re
     assert done.error_line.endswith("found none: process the recording again with output.clouds=true")
     twice = lidcam("export", poor, poor, "--format", "nuscenes", "--out", tmp_path / "other")
     assert twice.error_line.endswith("expected results of different names, found two called poor")
+
+
+def test_images_are_written_as_recorded_with_true_boxes(lidcam: Lidcam, tmp_path: Path, crossing: Path) -> None:
+    result, folder = tmp_path / "out.mcap", tmp_path / "set"
+    assert lidcam("process", crossing, result, "--duration", 0.5, "--set", CLUSTERS).code == 0
+    one = ("--camera", "camera_north_west")
+    done = lidcam("export", result, "--format", "coco", "--out", folder, *one)
+    content = json.loads((folder / "annotations/instances.json").read_text(encoding="utf-8"))
+    boxes = len(content["annotations"])
+    assert done.err.splitlines()[-1] == f"wrote {folder}: 2 frames, 2 images, {boxes} ground-truth boxes"
+    with open_recording([crossing]) as recording:
+        messages = [*recording.messages(["/camera_north_west/image_raw/compressed"])]
+    names = sorted(path.name for path in (folder / "images").iterdir())
+    assert [one["file_name"] for one in content["images"]] == names
+    for shown in content["images"]:
+        (message,) = (one for one in messages if one.stamp_ns == shown["stamp_ns"])
+        assert (folder / "images" / shown["file_name"]).read_bytes() in bytes(message.data)
+    assert {box["origin"] for box in content["annotations"]} == {"truth"}
+    found = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    agreed = lidcam("export", result, "--format", "coco", "--out", tmp_path / "agreed", "--only", "confirmed")
+    assert agreed.code == 0
+    both = json.loads((tmp_path / "agreed" / "results.json").read_text(encoding="utf-8"))
+    assert len(both) > len(found) > 5, "of all cameras"
 
 
 def test_true_vans_stay_vans_in_kitti(lidcam: Lidcam, tmp_path: Path) -> None:

@@ -107,15 +107,6 @@ def test_wherever_the_program_is(place: str, number: signal.Signals, tmp_path: P
     assert not (tmp_path / "kept").exists()
 
 
-def test_where_there_are_no_such_signals_one_line_says_so() -> None:
-    """As on Windows."""
-    code = "import signal; del signal.SIGHUP; import lidcam.__main__"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr.startswith("lidcam: error: Windows is not supported yet: ")
-    assert len(done.stderr.splitlines()) == 1
-
-
 def test_what_is_ignored_stays_ignored(tmp_path: Path) -> None:
     """As with SIGHUP of a program that nohup starts, and SIGINT of one in the background."""
     code = "os.kill(me, number); print('done')"

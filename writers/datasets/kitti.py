@@ -62,7 +62,7 @@ class KittiWriter:
     names: Mapping[str, str] = KITTI_NAMES
 
     def __init__(self, folder: Path, camera: str = "") -> None:
-        self.left_out, self.remarks = Counter[str](), list[str]()
+        self.written, self.left_out, self.remarks = Counter[str](), Counter[str](), list[str]()
         self._folder, self._wanted = folder, camera
         self._count, self._scenes = 0, 0
         self._scene: DatasetScene
@@ -104,6 +104,7 @@ class KittiWriter:
         points = np.column_stack([frame.cloud.xyz, frame.cloud.intensity])
         self._new("training", "velodyne", "velodyne", "bin").write_bytes(points.astype("<f4").tobytes())
         self._write_labels(frame)
+        self.written.update(frames=1, images=1)
         self._count += 1
 
     def finish(self) -> None:
@@ -125,6 +126,7 @@ class KittiWriter:
         truth = frame.objects if frame.truth is None else frame.truth
         labels = self._lines(truth, has_scores=False)
         self._new("training", "", "label_2", "txt").write_text("".join(labels))
+        self.written["boxes"] += len(labels)
         found = self._lines(frame.objects, has_scores=True, is_counted=frame.truth is not None)
         self._new("results/lidcam", "", "data", "txt").write_text("".join(found))
 
@@ -210,7 +212,9 @@ class KittiTrackingWriter(KittiWriter):
         for part, boxes, has_scores in files:
             with self._sequence_file(part).open("a") as file:
                 is_counted = not has_scores or frame.truth is not None
-                file.writelines(self._tracked_lines(boxes, has_scores=has_scores, is_counted=is_counted))
+                lines = self._tracked_lines(boxes, has_scores=has_scores, is_counted=is_counted)
+                file.writelines(lines)
+                self.written["boxes"] += 0 if has_scores else len(lines)
 
     def _numbered(self, truth: DatasetBoxes) -> DatasetBoxes:
         """True objects with tracks from 0 on: their own may be of any size, and TrackEval makes tables of them."""

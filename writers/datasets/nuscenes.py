@@ -58,7 +58,7 @@ class NuScenesWriter:
     names: Mapping[str, str] = NUSCENES_NAMES
 
     def __init__(self, folder: Path, camera: str = "") -> None:  # noqa: ARG002  # all cameras are written
-        self.left_out, self.remarks = Counter[str](), list[str]()
+        self.written, self.left_out, self.remarks = Counter[str](), Counter[str](), list[str]()
         self._folder = folder
         self._tables: dict[str, list[Row]] = {name: [] for name in TABLES}
         self._results: dict[str, list[Row]] = {}
@@ -116,7 +116,10 @@ class NuScenesWriter:
             write_image(self._folder / path, image.rgb)
             size = (image.rgb.shape[0], image.rgb.shape[1])
             self._put_data(channel, frame.index, path, image.stamp_ns, image.T_fixed_site, "jpg", size)
-        self._put_annotations(frame, frame.objects if frame.truth is None else frame.truth, frame.T_fixed_site)
+            self.written["images"] += 1
+        boxes = frame.objects if frame.truth is None else frame.truth
+        self._put_annotations(frame, boxes, frame.T_fixed_site)
+        self.written.update(frames=1, boxes=len(boxes))
         self._put_results(token, frame.objects, frame.T_fixed_site)
 
     def finish(self) -> None:

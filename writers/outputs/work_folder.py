@@ -8,7 +8,6 @@ Each run makes a folder of its own, so nothing that lies there before is read.
 """
 
 import errno
-import fcntl
 import logging
 import os
 import secrets
@@ -19,6 +18,7 @@ from pathlib import Path
 
 from lidcam.pipeline.core.ending import undone_at_once
 from lidcam.pipeline.core.errors import OutputError
+from lidcam.pipeline.core.system import NO_FOLLOW, NOT_INHERITED, check_writable_here, lock_file
 
 CANNOT_SYNC = {errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP}
 """Answers of file systems that have no fsync of a folder."""
@@ -47,9 +47,10 @@ class WorkFolder:
             shown: Its name in error messages.
 
         Raises:
-            OutputError: another run writes the output.
+            OutputError: another run writes the output, or lidcam does not write on this system.
             OSError: the folder cannot be made.
         """
+        check_writable_here()
         self.path = target.with_name(f"{folder_prefix(target)}{secrets.token_hex(4)}")
         self.part, self._old = self.path / target.name, self.path / f"{target.name}.old"
         self._target, self._held = target, ExitStack()
@@ -60,7 +61,7 @@ class WorkFolder:
             self.path.mkdir(0o700)
             lock = self._held.enter_context((self.path / f"{target.name}.lock").open("xb"))
             with suppress(OSError):  # a file system without locks
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock_file(lock)
             self._remove_leftovers(shown)
         except BaseException:
             self.close()
@@ -147,14 +148,14 @@ class WorkFolder:
             path.rmdir()
             return
         with lock.open("rb") as held:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_file(held)
             shutil.rmtree(path)
         logger.info("%s: removed, a run that was killed had left it", path)
 
 
 def _sync(path: Path) -> None:
     """Wait until a file, or the names in a folder, are on the disk."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    descriptor = os.open(path, os.O_RDONLY | NO_FOLLOW | NOT_INHERITED)
     try:
         os.fsync(descriptor)
     except OSError as err:

@@ -5,7 +5,6 @@ that come out of it are written here, where an error is an error. (`rr.BinaryStr
 its reads ends with the end of a file.)
 """
 
-import fcntl
 import os
 import threading
 import time
@@ -41,7 +40,9 @@ class RerunStream:
         self._copier = threading.Thread(target=self._copy, args=(taken,), name="lidcam-rerun", daemon=True)
         self._copier.start()  # before Rerun has a pipe that it would wait for
         try:
-            with suppress(OSError, AttributeError):  # a larger pipe only saves time
+            with suppress(ImportError, OSError, AttributeError):  # a larger pipe only saves time
+                import fcntl
+
                 fcntl.fcntl(given, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
             recording.save(f"/dev/fd/{given}")
         except RuntimeError as err:

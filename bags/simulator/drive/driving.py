@@ -4,9 +4,7 @@ import contextlib
 import os
 import select
 import signal
-import termios
 import time
-import tty
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -20,9 +18,6 @@ if TYPE_CHECKING:
     from lidcam.bags.simulator.recorder.simulation import Simulation
 
 TERMINAL_POLL_NS = 50_000_000  # longest simulated time between two readings of a terminal
-
-ENDING_SIGNALS = (signal.SIGINT, signal.SIGHUP)
-"""Ctrl-C and a closed terminal: both end the drive and keep the recording."""
 
 
 def script_keys(vehicles: tuple[str, ...]) -> str:
@@ -129,12 +124,16 @@ class TerminalKeys:
 def terminal_keys(descriptor: int) -> Iterator[TerminalKeys]:
     """The keys of a terminal as they are pressed, without Enter or echo; the terminal is always restored.
 
-    Ctrl-C and a closed terminal end the input, even when signalled repeatedly.
+    Ctrl-C and a closed terminal end the input, even when signalled repeatedly, and keep the recording.
     """
+    import termios  # Windows has none, and simulates without terminal
+    import tty
+
+    ending_signals = signal.SIGINT, signal.SIGHUP
     keys, before = TerminalKeys(descriptor), termios.tcgetattr(descriptor)
-    handlers: dict[int, Any] = {number: signal.getsignal(number) for number in ENDING_SIGNALS}
+    handlers: dict[int, Any] = {number: signal.getsignal(number) for number in ending_signals}
     try:
-        for number in ENDING_SIGNALS:
+        for number in ending_signals:
             signal.signal(number, lambda *_: keys.end())
         with undone_at_once(partial(termios.tcsetattr, descriptor, termios.TCSANOW, before)):
             tty.setcbreak(descriptor)

@@ -4,15 +4,18 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from lidcam.evaluation.evaluate import Progress, not_shown
 from lidcam.outputs.allowed import Replaceable, check_no_input, check_replaced
-from lidcam.outputs.export.scene import ExportOptions, ResultScene
+from lidcam.outputs.export.frames import ExportOptions
+from lidcam.outputs.export.images import ResultImages
+from lidcam.outputs.export.scene import ResultScene
 from lidcam.outputs.registry import DATASETS, DatasetFormat, loaded
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.readers.results.result import open_result
 from lidcam.run.missing import damage_lines
-from lidcam.writers.datasets.frame import DatasetWriter
+from lidcam.writers.datasets.images import ImageWriter
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.transaction import OutputFile, OutputTransaction
 
@@ -26,9 +29,10 @@ EMPTY = Replaceable(lambda path: not any(path.iterdir()), "exists and is not emp
 class Exported:
     """What was exported."""
 
-    frames: int  # Number of frames that were read
-    objects: int  # Number of objects in them that the format can have
-    true_objects: int | None  # The same of the truth; None without truth
+    frames: int  # Number of frames in the data set
+    images: int  # Number of images in it
+    boxes: int  # Number of boxes in its labels
+    of_truth: bool  # Whether these are the true ones
     remarks: tuple[str, ...]  # What the user should know, a line each: what was left out, and why
     incomplete: tuple[str, ...]  # Damaged parts of the results
 
@@ -68,30 +72,35 @@ def _export(
         raise OutputError(f"expected results of different names, found two called {same}")
     with output_errors(output.path):
         output.part.mkdir()
-        writer: DatasetWriter = loaded(DATASETS[format_name])(output.part, options.camera)
-    remarks, incomplete, frames, objects, true_objects = list[str](), list[str](), 0, 0, list[int]()
+        writer: Any = loaded(DATASETS[format_name])(output.part, options.camera)
+    remarks, incomplete, of_truth = list[str](), list[str](), False
     for path in results:
         with ExitStack() as stack:
             result = stack.enter_context(open_result(path))
-            advance = stack.enter_context(show((result.recording.end_ns - result.recording.start_ns) / 1e9))
-            scene = ResultScene(result, format_name, writer, options, stack)
+            start_ns = result.recording.start_ns
+            advance = stack.enter_context(show((result.recording.end_ns - start_ns) / 1e9))
+            scene = (
+                ResultImages(result, writer, options, stack)
+                if isinstance(writer, ImageWriter)
+                else ResultScene(result, format_name, writer, options, stack)
+            )
             with output_errors(output.path):
                 writer.begin(scene.facts)
             for frame in scene.frames():
                 with output_errors(output.path):
                     writer.add_frame(frame)
-                frames, objects = frames + 1, objects + len(frame.objects)
-                true_objects += [] if frame.truth is None else [len(frame.truth)]
-                advance((frame.stamp_ns - result.recording.start_ns) / 1e9, f"{frames} frames exported")
+                advance((frame.stamp_ns - start_ns) / 1e9, f"{writer.written['frames']} frames exported")
+            of_truth |= scene.has_truth
             remarks += scene.notes
             incomplete += damage_lines(result.recording.losses)
     with output_errors(output.path):
         writer.finish()
     left_out = [f"left out: {count} {reason}" for reason, count in writer.left_out.items()]
     return Exported(
-        frames,
-        objects,
-        sum(true_objects) if true_objects else None,
-        (*remarks, *writer.remarks, *left_out),
-        tuple(incomplete),
+        frames=writer.written["frames"],
+        images=writer.written["images"],
+        boxes=writer.written["boxes"],
+        of_truth=of_truth,
+        remarks=(*remarks, *writer.remarks, *left_out),
+        incomplete=tuple(incomplete),
     )

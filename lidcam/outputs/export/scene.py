@@ -2,30 +2,24 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
-from itertools import zip_longest
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.notebook.loaded import load_result
-from lidcam.pipeline.core.arrays import F64, I32, Bools, join_rows
+from lidcam.outputs.export.frames import ExportOptions, ResultFrames
+from lidcam.pipeline.core.arrays import F64, I32, join_rows
 from lidcam.pipeline.core.clouds import PointCloud
-from lidcam.pipeline.core.errors import MessageError, RecordingError
+from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.tracks import NO_TRACK
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, TruthBoxes3D
 from lidcam.pipeline.evaluation.ignoring import is_evaluated
 from lidcam.pipeline.evaluation.vans import VAN
-from lidcam.readers.location import Location
-from lidcam.readers.messages.image import decode_any_image
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
-from lidcam.readers.results.result import SOURCE_TOPICS, Result
-from lidcam.readers.truth.open import open_truth
-from lidcam.readers.truth.site import SitePoses
+from lidcam.readers.results.result import Result
 from lidcam.writers.datasets.frame import (
     DatasetBoxes,
     DatasetFrame,
@@ -37,20 +31,9 @@ from lidcam.writers.datasets.frame import (
 from lidcam.writers.tables.objects import Objects
 
 CLOUD, GROUND = "/point_cloud_combined", "/ground_cloud"
-FUSED = SOURCE_TOPICS["fused"]
 
 
-@dataclass(frozen=True, slots=True)
-class ExportOptions:
-    """What is exported."""
-
-    confirmed: bool = False  # Whether only objects that a camera confirms are
-    every: int = 1  # Step between exported frames
-    camera: str = ""  # Name of the camera where a format has one; empty: the first with images
-    truth: tuple[Location, ...] = ()  # Recordings or labels with the truth; empty: the truth in the result
-
-
-class ResultScene:
+class ResultScene(ResultFrames):
     """A result, frame by frame as a data set has it.
 
     Args:
@@ -70,21 +53,15 @@ class ResultScene:
     def __init__(
         self, result: Result, format_name: str, writer: DatasetWriter, options: ExportOptions, stack: ExitStack
     ) -> None:
-        self._result, self._writer, self._options, self._format = result, writer, options, format_name
-        recorded = {info.topic for info in result.recording.topics if info.message_count}
-        if CLOUD not in recorded:
+        super().__init__(result, options, writer.left_out, stack)
+        self._writer, self._format = writer, format_name
+        if CLOUD not in self.recorded:
             raise RecordingError(
                 f"{result.path}: {format_name} needs clouds ({CLOUD}), found none: process the recording again with "
                 "output.clouds=true"
             )
-        images = {
-            f"/{camera.name}/image{suffix}": camera for camera in result.rig.cameras for suffix in ("", "/compressed")
-        }
-        self._images: Mapping[str, CameraSensor] = {topic: one for topic, one in images.items() if topic in recorded}
         self._objects = load_result(result.path)[1]
         self._unit: float | None = None
-        self._truth = stack.enter_context(open_truth(result, options.truth))
-        self._poses = SitePoses(self._truth.poses, result.rig, result.config)
         self._names = _names(result.config, writer.names)
         lidars = result.rig.lidars
         only = lidars[0].T_site_lidar if len(lidars) == 1 else None
@@ -93,7 +70,7 @@ class ResultScene:
             name=result.path.stem,
             origin=f"{result.path.stem} {sorted(result.metadata.items())}",
             rig=result.rig,
-            cameras=tuple(camera for camera in result.rig.cameras if camera in self._images.values()),
+            cameras=tuple(camera for camera in result.rig.cameras if camera in self.images.values()),
             T_site_cloud=np.eye(4) if only is None else only.matrix,
             cloud_frame_id=result.rig.site_frame if only is None else only.src,
         )
@@ -101,34 +78,16 @@ class ResultScene:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know of the result."""
-        of_truth = () if self._truth.source is None else (f"truth: {self._truth.source.description}",)
-        missing = [camera.name for camera in self._result.rig.cameras if camera not in self.facts.cameras]
         name = self._result.path.name
-        no_images = f"{name}: has no images of {', '.join(missing)}; output.images=true keeps those of the recording"
         adrift = f"{name}: the sensors move, and the result does not say where to: nuScenes's poses stand still"
         return (
-            *self._result.notes,
-            *of_truth,
-            *([no_images] if missing else []),
+            *super().notes,
             *([adrift] if self._result.is_adrift and self._format == "nuscenes" else []),
         )
 
     def frames(self) -> Iterator[DatasetFrame]:
         """The frames, every so many."""
-        topics = [FUSED, CLOUD, GROUND, *self._images]
-        beside = self._result.messages_of_frames(topics)
-        for found, messages in zip_longest(EvaluationFrames(self._result, self._truth), beside):
-            fused = None if messages is None else messages.get(FUSED)
-            if found is None or fused is None or fused.stamp_ns != found.stamp_ns:
-                raise RecordingError(
-                    f"{self._result.path}: is damaged: what belongs to a frame does not stand together; process the "
-                    "recording anew"
-                )
-            if found.index % self._options.every:
-                continue
-            if self._truth.source is not None and found.truth is None:
-                self._writer.left_out["frames without truth at their time"] += 1
-                continue
+        for found, messages in self.frames_and_messages([CLOUD, GROUND, *self.images]):
             yield self._frame(found, messages)
 
     def _frame(self, found: EvaluationFrame, messages: Mapping[str, RawMessage]) -> DatasetFrame:
@@ -163,13 +122,10 @@ class ResultScene:
 
     def _decoded(self, messages: Mapping[str, RawMessage]) -> dict[str, DatasetImage]:
         images = {}
-        for topic, camera in self._images.items():
+        for topic, camera in self.images.items():
             if topic not in messages:
                 continue
-            try:
-                rgb = decode_any_image(messages[topic], limits=self._result.config.limits).rgb
-            except MessageError:
-                self._writer.left_out[f"images of {camera.name} that cannot be decoded"] += 1
+            if (rgb := self.pixels_of(messages[topic], camera)) is None:
                 continue
             stamp_ns = messages[topic].stamp_ns
             pose = self._poses.T_fixed_site(stamp_ns)
@@ -179,10 +135,10 @@ class ResultScene:
 
     def _true_boxes(self, truth: TruthBoxes3D) -> DatasetBoxes:
         is_none = truth.class_ids == UNKNOWN
-        self._count("true objects of no class of the settings", is_none)
+        self.count("true objects of no class of the settings", is_none)
         truth = truth.select(~is_none)
         is_wanted = is_evaluated(truth, self._result.config.evaluate)
-        self._count("true objects that no sensor sees, or that are not evaluated", ~is_wanted)
+        self.count("true objects that no sensor sees, or that are not evaluated", ~is_wanted)
         truth = truth.select(is_wanted)
         n = len(truth)
         is_van = (np.char.lower(truth.labels) == VAN) & (VAN in self._writer.names)
@@ -203,12 +159,8 @@ class ResultScene:
         is_known = boxes.names != ""
         for class_id in np.unique(class_ids[~is_known]):
             name = self._result.config.object_names[class_id]
-            self._count(f"{what} of class {name}, which {self._format} does not have", class_ids == class_id)
+            self.count(f"{what} of class {name}, which {self._format} does not have", class_ids == class_id)
         return boxes.select(is_known)
-
-    def _count(self, reason: str, rows: Bools) -> None:
-        if rows.any():
-            self._writer.left_out[reason] += int(rows.sum())
 
 
 def _boxes(objects: Objects, names: npt.NDArray[np.str_]) -> DatasetBoxes:

@@ -15,7 +15,7 @@ else:
 
 NetworkLayout = Literal["yolox", "yolov5", "yolov8", "end_to_end", "rtdetr", "detr", "dfine"]
 NetworkColors = Literal["bgr_255", "rgb_255", "bgr_1", "rgb_1", "imagenet"]
-Provider = Literal["cpu", "cuda", "tensorrt", "openvino", "migraphx", "directml", "coreml"]
+Provider = Literal["auto", "cpu", "cuda", "tensorrt", "openvino", "migraphx", "directml", "coreml"]
 
 
 class ClusterConfig(SettingsModel):
@@ -78,6 +78,7 @@ class Detect3DConfig(SettingsModel):
             `combined` clusters of a lower geometric score, and then boxes that are less probable.
         near_weight: Log odds that `combined` adds to a truck or bus for each logarithm of its points, where its side is
             at a lidar, less up to 6 m. Beside lidars on a vehicle there is traffic; 0 for fixed ones, beside walls.
+        provider: Library that runs the network of `model`, as `detect2d.provider`.
         cluster: Settings of the method `cluster`.
         recorded: Settings of the method `recorded`.
     """
@@ -88,6 +89,7 @@ class Detect3DConfig(SettingsModel):
     weights: Path | None = None
     min_score: Share = 0.07
     near_weight: NotNegative = 0.4
+    provider: Provider = "cpu"
     cluster: ClusterConfig = ClusterConfig()
     recorded: Recorded3DConfig = Recorded3DConfig()
 
@@ -130,8 +132,9 @@ class Detect2DConfig(SettingsModel):
         names: Names of the network's classes: `coco` (80), `coco91` (by the numbers of the annotations), or a file
             with a name in each line, or YAML or JSON with `names`. Empty: as in the network's file, else COCO's if
             there are 80.
-        provider: Library that runs the network. Only `cpu` gives the same result on every machine; the others need
-            another build of onnxruntime.
+        provider: Library that runs the network. Only `cpu` gives the same result on every machine; `cuda` needs a
+            plug-in of onnxruntime, the others another build of it. `auto`: `cuda` where a device can be used, else
+            `cpu`.
         input: Width and height of the images that the network is given, pixels. `auto`: the shape of the camera's
             own image, as large as `max_input_px` allows and never larger than the image; overlapping tiles of the
             size that the network is made for, if it takes no other.

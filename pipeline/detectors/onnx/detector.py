@@ -119,7 +119,7 @@ class OnnxDetector2D:
         for row, image in enumerate(images):
             of_size.setdefault(self._size_for(image), []).append(row)
         found: dict[int, Candidates2D] = {}
-        room_bytes = CACHED_BYTES if self._settings.provider == "cpu" else MAX_BATCH_BYTES
+        room_bytes = CACHED_BYTES if self._session.provider == "cpu" else MAX_BATCH_BYTES
         for size_px, rows in of_size.items():
             most = self._inputs.batch or max(room_bytes // (PIXEL_BYTES * size_px[0] * size_px[1]), 1)
             for start in range(0, len(rows), most):

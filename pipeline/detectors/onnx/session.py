@@ -5,10 +5,9 @@ what a network may take: a file of a few hundred bytes can hold a loop of 2^62 t
 """
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import copy
-from functools import cache
 from pathlib import Path
 from threading import Timer
 from typing import Any, Self
@@ -21,12 +20,10 @@ from lidcam.pipeline.core.settings.detect import Provider
 from lidcam.pipeline.core.text import one_line
 from lidcam.pipeline.detectors.onnx.free_size import free_size
 from lidcam.pipeline.detectors.onnx.inputs import Value
+from lidcam.pipeline.detectors.onnx.providers import check_runs_on, chosen, onnxruntime, set_up
 
 MAX_SECONDS = 30
 """Maximum time to load a file, and for each image of a batch: the largest YOLOX takes 5 s of a slow core."""
-
-MAX_MEMORY_BYTES = 4 << 30
-"""Maximum memory of all networks together, including their weights."""
 
 MAX_BATCH_BYTES = 1 << 29
 """Maximum size of the images given at once: 26 of 1280 x 1280 px."""
@@ -34,25 +31,6 @@ MAX_BATCH_BYTES = 1 << 29
 MAX_CHANGED_BYTES = 1 << 29
 """Maximum size of a file whose input is made free, which is in memory three times meanwhile; the largest YOLOX has
 400 MB."""
-
-PROVIDERS: dict[Provider, str] = {
-    "cpu": "CPUExecutionProvider",
-    "cuda": "CUDAExecutionProvider",
-    "tensorrt": "TensorrtExecutionProvider",
-    "openvino": "OpenVINOExecutionProvider",
-    "migraphx": "MIGraphXExecutionProvider",
-    "directml": "DmlExecutionProvider",
-    "coreml": "CoreMLExecutionProvider",
-}
-"""Names in onnxruntime."""
-
-PACKAGES = {
-    "cuda": "onnxruntime-gpu",
-    "tensorrt": "onnxruntime-gpu",
-    "openvino": "onnxruntime-openvino",
-    "migraphx": "onnxruntime-migraphx",
-    "directml": "onnxruntime-directml",
-}
 
 WEIGHTS_FOLDER = "session.model_external_initializers_file_folder_path"
 
@@ -64,6 +42,7 @@ class OnnxSession:
         inputs: Name, shape and type of each input.
         outputs: The same of each output.
         metadata: Metadata of the file.
+        provider: What runs it.
     """
 
     def __init__(self, path: Path, *, threads: int, provider: Provider, remedy: str = "") -> None:
@@ -86,7 +65,7 @@ class OnnxSession:
                 raise ModelError(f"{path}: expected an ONNX file, found {found}")
         except OSError as err:
             raise ModelError(f"{path}: expected an ONNX file that can be read: {err.strerror}") from err
-        self._path, self._threads, self._provider = path, threads, provider
+        self._path, self._threads, self.provider = path, threads, chosen(provider)
         self._load(str(path))
 
     def with_free_size(self, image_input: str) -> Self:
@@ -108,8 +87,7 @@ class OnnxSession:
 
     def _load(self, model: str | bytes) -> None:
         """Load the network from its file, or from bytes that stand for it."""
-        path, ort = self._path, _onnxruntime()
-        providers = providers_for(self._provider, ort.get_available_providers())
+        path, ort = self._path, onnxruntime()
         self._new_run: Callable[[], Any] = ort.RunOptions
         options = ort.SessionOptions()
         options.intra_op_num_threads = self._threads
@@ -121,6 +99,7 @@ class OnnxSession:
         options.add_session_config_entry("session.use_env_allocators", "1")
         if isinstance(model, bytes):  # weights in other files lie beside it all the same
             options.add_session_config_entry(WEIGHTS_FOLDER, str(path.resolve().parent))
+        providers = set_up(self.provider, options)
         try:
             with _after(MAX_SECONDS, lambda: options.set_load_cancellation_flag(True)):
                 self._session = ort.InferenceSession(
@@ -138,7 +117,7 @@ class OnnxSession:
                     f"export model={path.name} format=onnx"
                 ) from err
             raise ModelError(f"{path}: expected an ONNX file that onnxruntime can load: {one_line(err)}") from err
-        check_runs_on(self._provider, self._session.get_providers())
+        check_runs_on(self.provider, self._session.get_providers())
         self.inputs: list[Value] = [(value.name, value.shape, value.type) for value in self._session.get_inputs()]
         self.outputs: list[Value] = [(value.name, value.shape, value.type) for value in self._session.get_outputs()]
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
@@ -170,47 +149,3 @@ def _after(seconds: float, act: Callable[[], object]) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
-
-
-@cache
-def _onnxruntime() -> Any:
-    """The library, imported where a network runs and nowhere else.
-
-    Its wheels for Linux would make an id of the machine and a store of events in the home folder, and send them to
-    their maker. The variable counts only if it is set before the import.
-    """
-    os.environ["ORT_DISABLE_TELEMETRY"] = "1"
-    import onnxruntime as ort
-
-    ort.disable_telemetry_events()
-    memory = ort.OrtMemoryInfo("Cpu", ort.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, ort.OrtMemType.DEFAULT)
-    ort.create_and_register_allocator(memory, ort.OrtArenaCfg({"max_mem": MAX_MEMORY_BYTES}))
-    return ort
-
-
-def providers_for(provider: Provider, available: Sequence[str]) -> list[str]:
-    """The providers for onnxruntime, the preferred one first; the processor runs what an accelerator has no kernel for.
-
-    Raises:
-        ModelError: the preferred one is not among those available.
-    """
-    if PROVIDERS[provider] not in available:
-        has = ", ".join(name for name, known in PROVIDERS.items() if known in available)
-        package = PACKAGES.get(provider)
-        remedy = f"; pip install {package} in place of onnxruntime" if package else ""
-        raise ModelError(
-            f"detect2d.provider: expected {has}, which the installed onnxruntime has, found {provider}{remedy}"
-        )
-    return [PROVIDERS[provider]] if provider == "cpu" else [PROVIDERS[provider], PROVIDERS["cpu"]]
-
-
-def check_runs_on(provider: Provider, used: Sequence[str]) -> None:
-    """Check that a loaded network runs on the wanted provider: onnxruntime itself falls back to the processor.
-
-    Raises:
-        ModelError: it does not.
-    """
-    if PROVIDERS[provider] not in used:
-        raise ModelError(
-            f"detect2d.provider: {provider} cannot be used on this machine; check its driver and libraries, or set cpu"
-        )

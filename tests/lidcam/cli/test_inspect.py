@@ -1,11 +1,13 @@
 """The verdict of an inspection: what it says, in which words, and what a rig or a repair that is asked for changes."""
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import typer
 from builders import odometry, pointcloud2, raw, write_rosbag1
 from logging_state import kept_logging
 
@@ -56,6 +58,48 @@ def test_without_sensors_there_is_no_rig(tmp_path: Path, capsys: pytest.CaptureF
         inspected(path, write_rig=rig)
     assert printed(capsys)[2] == 1
     assert not rig.exists()
+
+
+@pytest.mark.parametrize(
+    ("requirement", "failure"),
+    [
+        ("topics./top.rate_hz >= 9.5", ""),
+        ("sensors.top.usable == 1", ""),
+        ("topics./odom.count == 4", "topics./odom.count: expected == 4, found 3"),
+        ("skew_max_ms < 0", "skew_max_ms: expected < 0, found 0.0"),
+        (
+            "topics./left.rate_hz >= 9",
+            "topics./left.rate_hz: expected >= 9, found no such figure: unknown figure 'topics./left.rate_hz': did you "
+            "mean 'topics./top.rate_hz', 'topics./odom.rate_hz' or 'topics./top.delay_s'?",
+        ),
+    ],
+)
+def test_requirements_on_a_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], requirement: str, failure: str
+) -> None:
+    path = recording(tmp_path / "a.bag", "top")
+    with pytest.raises(CheckError) if failure else nullcontext():
+        inspected(path, requirements=[requirement])
+    tree = json.loads(capsys.readouterr().out)
+    assert (tree["failure"], tree["exit_code"]) == (failure, 1 if failure else 0)
+    assert [one["is_met"] for one in tree["requirements"]] == [not failure]
+
+
+def test_a_malformed_requirement_is_wrong_usage(tmp_path: Path) -> None:
+    with pytest.raises(typer.BadParameter, match="expected a figure, a comparison and a number"):
+        inspected(tmp_path / "no.bag", requirements=["fast"])
+
+
+def test_requirements_of_what_cannot_be_processed_are_checked_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = recording(tmp_path / "a.bag", "top")
+    with pytest.raises(CheckError):
+        inspected(path, NOWHERE, requirements=["lidars >= 1"])
+    failure, _, code = printed(capsys)
+    assert failure.startswith(f"{path}: lidcam could not process it: ")
+    assert failure.endswith("; lidars: expected >= 1, found 0")
+    assert code == 1
 
 
 def test_a_repair_judges_the_copy_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,9 +12,6 @@ from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.core.settings.detect import Detect2DConfig
 from lidcam.pipeline.detectors.onnx import session
 from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
-from lidcam.pipeline.detectors.onnx.session import check_runs_on, providers_for
-
-CPU, CUDA = "CPUExecutionProvider", "CUDAExecutionProvider"
 
 
 def load(path: Path, **settings: object) -> OnnxDetector2D:
@@ -62,16 +59,3 @@ def test_outputs_that_are_no_numbers(tmp_path: Path, value: float) -> None:
     bias = _tensor("bias", np.full((1, onnx_models.ROWS, 85), value, np.float32), FLOAT)
     onnx_models._network(tmp_path / "a.onnx", [], bias=bias)
     assert "found an output that is not finite" in said_of(tmp_path / "a.onnx")
-
-
-def test_providers(tmp_path: Path) -> None:
-    assert providers_for("cpu", [CUDA, CPU]) == [CPU]
-    assert providers_for("cuda", [CUDA, CPU]) == [CUDA, CPU]
-    check_runs_on("cuda", [CUDA, CPU])
-    with pytest.raises(ModelError, match="cuda cannot be used on this machine"):
-        check_runs_on("cuda", [CPU])
-    onnx_models._network(tmp_path / "a.onnx", [])
-    for provider, remedy in {"cuda": "; pip install onnxruntime-gpu in place of onnxruntime", "coreml": ""}.items():
-        said = said_of(tmp_path / "a.onnx", provider=provider)
-        assert "detect2d.provider: expected cpu, " in said
-        assert said.endswith(f"found {provider}{remedy}")
