@@ -29,16 +29,16 @@ HEAD = """# Numbers
 Accuracy of lidcam on simulated recordings with exact ground truth. Calibration, camera clocks and 2D boxes have
 [small errors](simulator.md#errors), as in real recordings. `make numbers` generates this page: it simulates, processes
 with the default choice of settings, and evaluates. A simulator and a simulated 2D detector show changes between
-versions, not the accuracy on your recordings; [evaluation](evaluation.md) measures that. See also the definitions of the
-[figures](figures.md) and [more measurements](research/numbers.md), with tracks. The recordings are kept in
+versions, not the accuracy on your recordings; [evaluation](evaluation.md) measures that. [Figures](figures.md) are
+defined elsewhere; there are [more measurements](research/numbers.md), with tracks. The recordings are kept in
 `out/numbers/`; process one with `--report FILE.html` to see the worst errors as images.
 
 - *lidar*: lidars alone. *cameras*: objects placed in 3D by cameras alone. *fused*: the result.
 - *AP bev .5*, *AP bev .7*, *AP 3D .7*: average precision in bird's-eye view and 3D at an IoU of 0.5 or 0.7, 40 recall
   points. *F1*: harmonic mean of recall and precision. *false*: false boxes per frame. Both match by distance: 2 m for a
   car.
-- *position*: mean error in metres, against the position at the frame's stamp. *heading*: median error in degrees, modulo
-  180 degrees. *ECE*: expected calibration error of the scores.
+- *position*: mean error in metres, against the position at the frame's stamp. *heading*: median error in degrees,
+  modulo 180 degrees. *ECE*: expected calibration error of the scores.
 - *better*, *worse*, *open*: the 95 % interval, from resampled blocks of frames, is above zero, below zero, or includes
   zero. Positive gains mean that fusion is better, also for the position. *position* compares the mean errors of all
   objects of each source; *found by lidar, too* compares the objects that both found, one by one.
@@ -56,8 +56,8 @@ Further figures for the recordings of [numbers](../numbers.md).
   reimplemented) filters them. *online* and *offline* are lidcam's own tracks (`track.mode`).
   *position*, *yaw* (modulo 180 degrees) and *speed* are root mean square errors in metres, degrees and m/s. *flips,
   moving*: flips of moving objects. *in 95 %*: boxes whose x, y error is within the 95 % ellipse of their covariance.
-  *false tracks*: tracks that mostly match no object. *switches*: objects taken over by another track. *fragments*: times
-  that an object is lost and found again.
+  *false tracks*: tracks that mostly match no object. *switches*: objects taken over by another track. *fragments*:
+  times that an object is lost and found again.
 """
 
 
