@@ -29,8 +29,8 @@ HEAD = """# Numbers
 Accuracy of lidcam on simulated recordings with exact ground truth. Calibration, camera clocks and 2D boxes have
 [small errors](simulator.md#errors), as in real recordings. `make numbers` generates this page: it simulates, processes
 with the default choice of settings, and evaluates. A simulator and a simulated 2D detector show changes between
-versions, not the accuracy on your recordings; [evaluation](evaluation.md) measures that. [Figures](figures.md) are
-defined elsewhere; there are [more measurements](research/numbers.md), with tracks. The recordings are kept in
+versions, not the accuracy on your recordings; [evaluation](evaluation.md) measures that. [Figures](figures.md)
+defines every figure, and [more measurements](research/numbers.md) include tracks. The recordings are kept in
 `out/numbers/`; process one with `--report FILE.html` to see the worst errors as images.
 
 - *lidar*: lidars alone. *cameras*: objects placed in 3D by cameras alone. *fused*: the result.
