@@ -136,7 +136,7 @@ def details(run: MeasuredRun) -> Iterator[str]:
         ["class", "source", "AP 3D", "mAP", "recall", "precision", "95 %", "when measured", "flips", "length", "width"],
         [_details(*one, run.when_measured["sources"][one[1]][one[0]]) for one in by_class(figures)],
     )
-    yield "Recall by label, whatever class lidcam reports:\n"
+    yield "Recall by label, regardless of the reported class:\n"
     yield from table(["object", "truth", *(f"recall, {source}" for source in figures["sources"])], _by_label(figures))
     if cameras := _cameras(figures):
         yield "2D boxes of all classes against the objects in the images:\n"
