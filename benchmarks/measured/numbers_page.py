@@ -26,38 +26,38 @@ Tree = Mapping[str, Any]
 
 HEAD = """# Numbers
 
-How good lidcam is today, on simulated recordings with exact ground truth. Calibration, camera clocks and 2D boxes have
-small errors, as in real recordings ([simulator.md](simulator.md#errors)). `make numbers` writes this page anew: it
-simulates, processes with the settings that lidcam chooses itself, and evaluates. [figures.md](figures.md) defines every
-figure, [evaluation.md](evaluation.md) says how to get them for your own recordings, and
-[research/numbers.md](research/numbers.md) has the other figures, and tracks. These are scenes of a simulator, with a
-simulated 2D detector: they show what changes from one version to the next, not what you will get. The recordings stay
-in `out/numbers/`: process one of them with `--report FILE.html` to see the worst errors as images.
+Accuracy of lidcam on simulated recordings with exact ground truth. Calibration, camera clocks and 2D boxes have
+[small errors](simulator.md#errors), as in real recordings. `make numbers` generates this page: it simulates, processes
+with the default choice of settings, and evaluates. A simulator and a simulated 2D detector show changes between
+versions, not the accuracy on your recordings; [evaluation](evaluation.md) measures that. [Figures](figures.md)
+defines every figure, and [more measurements](research/numbers.md) include tracks. The recordings are kept in
+`out/numbers/`; process one with `--report FILE.html` to see the worst errors as images.
 
-- *lidar*: what the lidars alone find. *cameras*: what the cameras alone place in 3D. *fused*: the result.
-- *AP bev .5*, *AP bev .7*, *AP 3D .7*: average precision from above and in 3D at an IoU of 0.5 or 0.7, 40 recall
-  points. *F1*: harmonic mean of recall and precision, *false*: boxes a frame; both by distance: 2 m for a car.
-- *position*: mean error in metres, against where the object is at the frame's stamp. *heading*: median error in
-  degrees, a turn by 180 degrees counted as right. *ECE*: expected calibration error of the scores.
-- *better*, *worse*, *open*: where the interval of 95 %, from resampled blocks of frames, lies above zero, below it, or
-  on both sides. A gain is positive where fusion is better, of the position too. *position* compares means, which are
-  those of what each found; *found by lidar, too* compares the objects that both found, one by one.
+- *lidar*: lidars alone. *cameras*: objects placed in 3D by cameras alone. *fused*: the result.
+- *AP bev .5*, *AP bev .7*, *AP 3D .7*: average precision in bird's-eye view and 3D at an IoU of 0.5 or 0.7, 40 recall
+  points. *F1*: harmonic mean of recall and precision. *false*: false boxes per frame. Both match by distance: 2 m for a
+  car.
+- *position*: mean error in metres, against the position at the frame's stamp. *heading*: median error in degrees,
+  modulo 180 degrees. *ECE*: expected calibration error of the scores.
+- *better*, *worse*, *open*: the 95 % interval, from resampled blocks of frames, is above zero, below zero, or includes
+  zero. Positive gains mean that fusion is better, also for the position. *position* compares the mean errors of all
+  objects of each source; *found by lidar, too* compares the objects that both found, one by one.
 """
 
 DETAILS_HEAD = """# Numbers: measurements
 
-The figures of the recordings of [numbers.md](../numbers.md) that are not on that page.
+Further figures for the recordings of [numbers](../numbers.md).
 
 - *AP 3D*: at an IoU of 0.5. *mAP*: by distance of the centres, with thresholds scaled by the length of the class.
-- *95 %*: 95th percentile of the error in metres; *when measured*: the mean against where the object was when the
-  lidars saw it, up to 0.1 s later. *flips*: headings that are wrong by more than 90 degrees; *length*, *width*: mean
-  error in metres.
-- *Tracks*: *unfiltered* are the fused objects of each frame by itself. *AB3DMOT* (Weng et al., IROS
-  2020, stated anew) filters them. *online* and *offline* are lidcam's own (`track.mode`).
-  *position*, *yaw* (a turn by 180 degrees counted as right) and *speed* are roots of the mean square, in metres,
-  degrees and m/s; *flips, moving* are those of what moves; *in 95 %*: boxes whose error in x and y lies where their
-  covariance says with 95 %; *false tracks* mostly match nothing; *switches*: objects that another track takes over;
-  *fragments*: times that an object is lost and found again.
+- *95 %*: 95th percentile of the position error in metres. *when measured*: mean error against the position when the
+  lidars saw the object, up to 0.1 s later. *flips*: headings off by more than 90 degrees. *length*, *width*: mean error
+  in metres.
+- *Tracks*: *unfiltered* are the fused objects of each frame by itself. *AB3DMOT* (Weng et al., IROS 2020,
+  reimplemented) filters them. *online* and *offline* are lidcam's own tracks (`track.mode`).
+  *position*, *yaw* (modulo 180 degrees) and *speed* are root mean square errors in metres, degrees and m/s. *flips,
+  moving*: flips of moving objects. *in 95 %*: boxes whose x, y error is within the 95 % ellipse of their covariance.
+  *false tracks*: tracks that mostly match no object. *switches*: objects taken over by another track. *fragments*:
+  times that an object is lost and found again.
 """
 
 
@@ -121,10 +121,10 @@ def section(run: MeasuredRun) -> Iterator[str]:
     yield f"## {run.scenario}\n"
     yield (
         f"{SECONDS[run.scenario]} s, {figures['frames']} frames, settings `{settings}`, "
-        f"{figures['truth_objects']['evaluated']} true objects that a sensor saw.\n"
+        f"{figures['truth_objects']['evaluated']} true objects seen by a sensor.\n"
     )
     yield from side_by_side(figures)
-    yield "Is fusion better than the better single sensor?\n"
+    yield "Gain of fusion over the better single sensor:\n"
     yield from verdicts(figures)
 
 
@@ -136,11 +136,11 @@ def details(run: MeasuredRun) -> Iterator[str]:
         ["class", "source", "AP 3D", "mAP", "recall", "precision", "95 %", "when measured", "flips", "length", "width"],
         [_details(*one, run.when_measured["sources"][one[1]][one[0]]) for one in by_class(figures)],
     )
-    yield "Objects found by kind, whatever class lidcam has for it:\n"
+    yield "Recall by label, regardless of the reported class:\n"
     yield from table(["object", "truth", *(f"recall, {source}" for source in figures["sources"])], _by_label(figures))
     if cameras := _cameras(figures):
-        yield "2D boxes of all classes against what the images show:\n"
-        yield from table(["camera", "truth", "AP 2D", "recall", "precision", "false an image"], cameras)
+        yield "2D boxes of all classes against the objects in the images:\n"
+        yield from table(["camera", "truth", "AP 2D", "recall", "precision", "false per image"], cameras)
     yield "Tracks:\n"
     own = {mode: path for mode, path in run.by_mode.items() if mode != "none"}
     yield from tracks_table(measured_tracks(run.by_mode["none"], own), [*own])

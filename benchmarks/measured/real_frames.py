@@ -2,10 +2,10 @@
 
     python benchmarks/measured/real_frames.py DATA MODEL.onnx [--set detect2d.min_score=0.2 ...]
 
-Prints the table of docs/fusion.md. DATA is a folder below which there are frames of KITTI's object benchmark; see
-`labelled_frames`. Every frame is a recording of its own, processed as a user would. A labelled object counts within
-40 m, and is found by a box of its class whose centre is within 2 m on the ground; false are boxes in the image and
-within 40 m that are no object of their class.
+Prints a table of docs/research/networks.md. DATA is a folder below which there are frames of KITTI's object
+benchmark; see `labelled_frames`. Every frame is a recording of its own, processed as a user would. A labelled object
+counts within 40 m, and is found by a box of its class whose centre is within 2 m on the ground; false are boxes in the
+image and within 40 m that are no object of their class.
 """
 
 import argparse

@@ -41,25 +41,24 @@ LONGEST = 60
 
 INTRODUCTION = """# Licences
 
-lidcam is under Apache-2.0; the tables of laser angles in `readers/velodyne/models.py` are under BSD-3-Clause. This page
-lists everything that is installed with it on Linux, as the packages state it; `make docs/licences.md` prints it, and a
-test compares it with what is installed. Versions and hashes are in `constraints.txt`.
+lidcam is under Apache-2.0; the laser angle tables in `readers/velodyne/models.py` are under BSD-3-Clause. This page
+lists everything that is installed with lidcam on Linux, as stated by the packages. `make docs/licences.md` generates
+it, and a test compares it with the installation. Versions and hashes are in `constraints.txt`.
 
-Each page that `lidcam report` writes holds plotly.js (`writers/report/plotly-cartesian.min.js`), which is under MIT;
-its notice stands in the script.
+Reports by `lidcam report` contain plotly.js (`writers/report/plotly-cartesian.min.js`) under MIT, with its notice.
 
 These are not permissive:
 
-- **av** (extra `video`) is itself under BSD-3-Clause, but its wheel holds FFmpeg with the encoders x264 and x265, which
-  are under GPL-2.0-or-later: who passes on an installation with this extra passes on GPL code. That is why it is an
-  extra; lidcam decodes with it, and writes films with x264.
-- **opencv-python-headless** (installed with lidcam) holds FFmpeg under LGPL-2.1-or-later.
-- **libusb-package** (extra `sim`) holds libusb under LGPL-2.1-or-later.
-- **numpy**, **scipy** and **opencv-python-headless** hold libgfortran (GPL-3.0 with the runtime library exception) and
-  libquadmath (LGPL-2.1-or-later); **small-gicp** holds libgomp (GPL-3.0 with the same exception).
+- **av** (extra `video`) is under BSD-3-Clause, but its wheel contains FFmpeg with the encoders x264 and x265 under
+  GPL-2.0-or-later. Anyone who redistributes an installation with this extra redistributes GPL code. lidcam decodes with
+  av and writes films with x264.
+- **opencv-python-headless** (installed with lidcam) contains FFmpeg under LGPL-2.1-or-later.
+- **libusb-package** (extra `sim`) contains libusb under LGPL-2.1-or-later.
+- **numpy**, **scipy** and **opencv-python-headless** contain libgfortran (GPL-3.0 with the runtime library exception)
+  and libquadmath (LGPL-2.1-or-later); **small-gicp** contains libgomp (GPL-3.0 with the same exception).
 - **certifi** (extra `sim`), **hypothesis** and **pathspec** (tests) are under MPL-2.0.
-- PyPI's build of **torch** for Linux (extra `train`) brings NVIDIA's libraries, which are proprietary; PyTorch's build
-  for CPUs has none.
+- PyPI's build of **torch** for Linux (extra `train`) brings NVIDIA's proprietary libraries; PyTorch's CPU build has
+  none.
 """
 
 
