@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
-import pyarrow as pa
 import rerun as rr
 
 from lidcam.pipeline.core.arrays import F32, F64, U8, Bools
@@ -13,26 +12,44 @@ from lidcam.pipeline.core.detections import Boxes3D, source_names
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.true_boxes import TrueBoxes
 from lidcam.writers.drawing import DrawnBoxes2D, DrawnObjects, ObjectEdges, ground_ellipses, labels_in_the_clear
-from lidcam.writers.palette import CAMERA_ONLY, GROUND, HEIGHT_COLORS, TRUTH, Rgb, height_rows
+from lidcam.writers.palette import (
+    CAMERA_ONLY,
+    GROUND,
+    HEIGHT_COLORS,
+    MATCHED,
+    TRUTH,
+    ZONE,
+    Rgb,
+    class_color,
+    height_rows,
+)
 
 Look = Literal["strong", "thin", "faint"]
+
+KM_H = 3.6
+"""One metre per second."""
+
+LEGEND_STEP = 0.2
+"""Distance of the lines of the legend, as a share of the width of a column."""
 
 MAX_POINTS = 100_000
 """Points logged per frame; larger clouds are thinned evenly to keep the viewer responsive."""
 
-_LABEL_SHARE, _LETTER_SHARE = 0.08, 0.02
-"""Height of a label as a share of the image's, and width of a letter: in panels of the usual size."""
+_LABEL_POINTS, _LETTER_POINTS, _PADDING_POINTS = 28.0, 7.5, 16.0
+"""Height of a label in an image, width of a letter, and width beside the letters, in points of the screen."""
 
 _RED, _GREEN, _BLUE = HEIGHT_COLORS.T.astype(np.uint32)
 _PACKED_COLORS = _RED << 24 | _GREEN << 16 | _BLUE << 8 | 255
 """`HEIGHT_COLORS` as 0xRRGGBBAA."""
 
-_PADDING_SHARE = 0.05
-"""Width of a label beside its letters."""
-
-_FACE_ALPHA = 32
 _BEHIND_ALPHA = 110
-"""Opacity of a 2D box where the 3D box of its object is drawn; of 255, as that of faces."""
+"""Opacity of a 2D box where the 3D box of its object is drawn; of 255."""
+
+_OWN_SIZE_M = np.array([4.5, 1.8, 1.5])
+"""Length, width and height of an ordinary car: no recording says how large the vehicle is that carries the sensors."""
+
+OWN_VEHICLE, WAY = (190, 195, 205), (225, 190, 90)
+"""Colours of the vehicle that carries the sensors, and of its way."""
 
 
 def cloud_points(combined: CombinedCloud, heights: tuple[float, float]) -> rr.Points3D:
@@ -64,21 +81,43 @@ def objects_3d(drawn: DrawnObjects, rows: Bools, look: Look) -> rr.Boxes3D:
         colors=_bytes(drawn.colors[rows]),
         labels=[label for label, chosen in zip(drawn.labels, rows.tolist(), strict=True) if chosen],
         show_labels=False,
-        fill_mode="MajorWireframe",
+        fill_mode="TransparentFillMajorWireframe" if look == "strong" else "MajorWireframe",
         radii=rr.Radius.ui_points(1.5 if look == "strong" else 0.7),
     )
 
 
-def faces_3d(drawn: DrawnObjects, rows: Bools) -> rr.Boxes3D:
-    """The faces of some of the fused objects, so faint that the points in a large one are seen through them."""
-    objects = drawn.boxes.select(rows)
-    rgb = _bytes(drawn.colors[rows])
+def own_vehicle(middle: F64, front: F64) -> rr.Boxes3D:
+    """The vehicle that carries the sensors, about as large as a car.
+
+    Args:
+        middle: (3,) on the ground, below the middle of the sensors, metres.
+        front: (2,) unit vector in which it drives.
+    """
     return rr.Boxes3D(
-        centers=objects.centers,
-        sizes=objects.sizes,
-        quaternions=_turns(objects.yaws),
-        colors=np.column_stack([rgb, np.full(len(rgb), _FACE_ALPHA, np.uint8)]),
-        fill_mode="Solid",
+        centers=[middle + _OWN_SIZE_M * np.array([0.0, 0.0, 0.5])],
+        sizes=[_OWN_SIZE_M],
+        quaternions=_turns(np.arctan2(front[1:], front[:1])),
+        colors=OWN_VEHICLE,
+        labels="own vehicle",
+        show_labels=False,
+        fill_mode="TransparentFillMajorWireframe",
+        radii=rr.Radius.ui_points(1.0),
+    )
+
+
+def legend(class_names: Sequence[str]) -> rr.Points2D:
+    """The colours and what has them, below one another in two columns."""
+    named = [(name, class_color(class_id).bytes_rgb) for class_id, name in enumerate(class_names)]
+    named += [("2D box, matched", MATCHED.bytes_rgb), ("2D box alone", CAMERA_ONLY.bytes_rgb)]
+    named += [("ground truth", TRUTH.bytes_rgb), ("zone", ZONE.bytes_rgb)]
+    named += [("own vehicle", OWN_VEHICLE), ("its way", WAY)]
+    rows = np.arange(len(named))
+    return rr.Points2D(
+        np.stack([rows % 2 + 0.5, rows // 2 * LEGEND_STEP], 1),
+        colors=[color for _, color in named],
+        labels=[name for name, _ in named],
+        radii=0.0,
+        show_labels=True,
     )
 
 
@@ -102,15 +141,18 @@ def label_lines(drawn: DrawnObjects, places: F64, rows: Bools) -> rr.LineStrips3
 
 
 def object_facts(drawn: DrawnObjects, rows: Bools) -> rr.DynamicArchetype:
-    """Sources of the geometry of some of the fused objects, and what their tracks say, to be read in the viewer."""
-    tracks, sources = drawn.result.fused.tracks, source_names(drawn.boxes.sources[rows])
-    facts: dict[str, Any] = {"source": rr.components.TextBatch(sources)}
+    """Sources of the geometry of some of the fused objects, and what their tracks say, to be read in the viewer.
+
+    They are texts: numbers would be curves in the plots.
+    """
+    tracks, facts = drawn.result.fused.tracks, {"source": source_names(drawn.boxes.sources[rows])}
     if tracks is not None:
         chosen = tracks.select(rows)
-        columns = {"track": chosen.ids, "speed_m_s": chosen.speeds}
-        columns |= {"existence": chosen.existence, "age_s": chosen.ages_s}
-        facts |= {name: pa.array(column) for name, column in columns.items()}  # empty ones have their type, too
-    return rr.DynamicArchetype("lidcam.Objects", drop_untyped_nones=False, components=facts)
+        facts["speed"] = [f"{speed:.1f} m/s, {KM_H * speed:.0f} km/h" for speed in chosen.speeds.tolist()]
+        facts["existence"] = [f"{share:.2f}" for share in chosen.existence.tolist()]
+        facts["age"] = [f"{age_s:.1f} s" for age_s in chosen.ages_s.tolist()]
+    components: Any = {name: rr.components.TextBatch(texts) for name, texts in facts.items()}
+    return rr.DynamicArchetype("lidcam.Objects", components=components)
 
 
 def trails(drawn: DrawnObjects, paths: Sequence[F64]) -> rr.LineStrips3D:
@@ -207,16 +249,16 @@ def boxes_2d(drawn: DrawnBoxes2D) -> rr.Boxes2D:
     )
 
 
-def labels_2d(drawn: DrawnBoxes2D, camera: CameraSensor) -> rr.Points2D:
-    """The labels of 2D boxes, below each: Rerun wraps a box's own label to the width of the box, a point's never.
+def labels_2d(drawn: DrawnBoxes2D, camera: CameraSensor, width_points: float) -> rr.Points2D:
+    """The labels of boxes in an image, below each: Rerun wraps a box's own label to its width, a point's never.
 
-    A label that would cover that of a larger box is left out, and so is that of a box that is lower than a label.
+    A label that would cover that of a larger box is left out, and so is that of a box that is lower than a label, where
+    the image is this wide on the screen.
     """
     size_px = np.array([camera.model.width_px, camera.model.height_px], np.float64)
     low, high = drawn.xyxy[:, :2].astype(np.float64), drawn.xyxy[:, 2:].astype(np.float64)
-    widths = [len(label) * _LETTER_SHARE + _PADDING_SHARE for label in drawn.labels]
-    sizes = np.stack([widths, np.full(len(low), _LABEL_SHARE)], -1)
-    sizes *= size_px
+    widths = [len(label) * _LETTER_POINTS + _PADDING_POINTS for label in drawn.labels]
+    sizes = np.stack([widths, np.full(len(low), _LABEL_POINTS)], -1) * (camera.model.width_px / width_points)
     places = np.stack([(low[:, 0] + high[:, 0]) / 2, high[:, 1] + sizes[:, 1] / 2], -1)
     places = np.clip(places, sizes / 2, size_px - sizes / 2)
     heights = high[:, 1] - low[:, 1]
@@ -228,6 +270,17 @@ def labels_2d(drawn: DrawnBoxes2D, camera: CameraSensor) -> rr.Points2D:
         labels=[drawn.labels[row] for row in rows],
         show_labels=True,
     )
+
+
+def with_outlines(drawn: DrawnBoxes2D, objects: DrawnObjects, edges: ObjectEdges) -> DrawnBoxes2D:
+    """The 2D boxes of an image, and those around the strong objects in it that have none."""
+    segments, rows = edges
+    alone = np.setdiff1d(rows[objects.strong[rows]], drawn.objects).tolist()
+    corners = [segments[rows == row].reshape(-1, 2) for row in alone]
+    around = np.array([[*points.min(0), *points.max(0)] for points in corners], np.float32).reshape(-1, 4)
+    colors = [class_color(class_id) for class_id in objects.boxes.class_ids[alone].tolist()]
+    labels = [*drawn.labels, *(objects.labels[row] for row in alone)]
+    return DrawnBoxes2D(np.concatenate([drawn.xyxy, around]), [*drawn.colors, *colors], labels)
 
 
 def _bytes(colors: F64) -> U8:
