@@ -272,17 +272,6 @@ def labels_2d(drawn: DrawnBoxes2D, camera: CameraSensor, width_points: float) ->
     )
 
 
-def with_outlines(drawn: DrawnBoxes2D, objects: DrawnObjects, edges: ObjectEdges) -> DrawnBoxes2D:
-    """The 2D boxes of an image, and those around the strong objects in it that have none."""
-    segments, rows = edges
-    alone = np.setdiff1d(rows[objects.strong[rows]], drawn.objects).tolist()
-    corners = [segments[rows == row].reshape(-1, 2) for row in alone]
-    around = np.array([[*points.min(0), *points.max(0)] for points in corners], np.float32).reshape(-1, 4)
-    colors = [class_color(class_id) for class_id in objects.boxes.class_ids[alone].tolist()]
-    labels = [*drawn.labels, *(objects.labels[row] for row in alone)]
-    return DrawnBoxes2D(np.concatenate([drawn.xyxy, around]), [*drawn.colors, *colors], labels)
-
-
 def _bytes(colors: F64) -> U8:
     return np.round(colors * 255).astype(np.uint8)
 

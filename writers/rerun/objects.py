@@ -15,7 +15,7 @@ from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.tracks import NO_TRACK
-from lidcam.writers.drawing import DrawnObjects, ObjectEdges, camera_image, drawn_boxes_2d
+from lidcam.writers.drawing import DrawnObjects, ObjectEdges, camera_image, drawn_boxes_2d, with_outlines
 from lidcam.writers.labels_3d import LabelPlaces
 from lidcam.writers.messages.sensors import COMPRESSED, read_image
 from lidcam.writers.palette import ZONE, class_color
@@ -96,7 +96,7 @@ class CameraLog:
         path = camera_path(camera)
         if self._news.at(f"{path}/boxes", len(drawn.labels)):
             self._log("boxes", camera, archetypes.boxes_2d(drawn))
-        labelled = archetypes.with_outlines(drawn, objects, edges)
+        labelled = with_outlines(drawn, objects, edges)
         if self._news.at(f"{path}/labels", len(labelled.labels)):
             self._log("labels", camera, archetypes.labels_2d(labelled, camera, self._width_points))
         if self._news.at(f"{path}/objects", len(edges[1])):

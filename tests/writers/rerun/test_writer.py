@@ -19,11 +19,11 @@ from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.true_boxes import TrueBoxes
 from lidcam.writers.base import ResultWriter
-from lidcam.writers.drawing import DrawnBoxes2D, DrawnObjects, drawn_boxes_2d, object_edges
+from lidcam.writers.drawing import DrawnBoxes2D, DrawnObjects, drawn_boxes_2d, object_edges, with_outlines
 from lidcam.writers.outputs.transaction import OutputTransaction
 from lidcam.writers.palette import MATCHED
 from lidcam.writers.provenance import Provenance
-from lidcam.writers.rerun.archetypes import MAX_POINTS, cloud_points, labels_2d, with_outlines
+from lidcam.writers.rerun.archetypes import MAX_POINTS, cloud_points, labels_2d
 from lidcam.writers.rerun.writer import RerunResultWriter
 from lidcam.writers.viewpoint import SURVEYED_FRAMES
 
