@@ -28,11 +28,11 @@ def report(
     """
     from lidcam.cli.printing.progress import show_progress
     from lidcam.outputs.allowed import PAGE, check_no_input, check_replaced
-    from lidcam.outputs.report.make import make_page
+    from lidcam.outputs.report.make import film_of, make_page
     from lidcam.writers.outputs.transaction import OutputTransaction
 
     page = out or result.with_suffix(".html")
     check_no_input([page], [result])
     with OutputTransaction([page], check_old=check_replaced(lambda _: PAGE, overwrite=overwrite)) as outputs:
-        outputs[page].write_text(make_page(result, show_progress))
+        outputs[page].write_text(make_page(result, show_progress, film=film_of(result, page)))
     remark_log.info("wrote %s", page)

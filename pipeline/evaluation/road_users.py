@@ -6,12 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, I64, Array
+from lidcam.pipeline.core.arrays import F64, I32, I64, Array, Bools
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.text import brief
 from lidcam.pipeline.core.tracks import NO_TRACK
+
+MIN_MOVING_SPEED_M_S = 0.3
+"""Minimum speed of a road user, at its fastest, that counts as moving."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +66,16 @@ class RoadUserTable:
 
     def __len__(self) -> int:
         return len(self.class_ids)
+
+    @property
+    def moved(self) -> Bools:
+        """(N,) bool, which of them moved."""
+        return self.speed_maxima >= MIN_MOVING_SPEED_M_S
+
+    @property
+    def stood(self) -> Bools:
+        """(N,) bool, which of them never moved; the others, which did neither, were seen too briefly."""
+        return self.speed_maxima < MIN_MOVING_SPEED_M_S
 
 
 class RoadUserTally:

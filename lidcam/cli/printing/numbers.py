@@ -1,5 +1,13 @@
 """Formats of numbers in tables."""
 
+from typing import Literal
+
+Units = Literal["km/h", "m/s", "mph"]
+"""Units of speeds that tables are printed in."""
+
+PER_M_S: dict[Units, float] = {"km/h": 3.6, "m/s": 1.0, "mph": 3600 / 1609.344}
+"""Factors from metres per second."""
+
 NONE = "-"
 """Text for an undefined figure."""
 
