@@ -1,7 +1,7 @@
 """Records of a frame as Rerun's archetypes."""
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import rerun as rr
@@ -24,10 +24,11 @@ from lidcam.writers.palette import (
     height_rows,
 )
 
-Look = Literal["strong", "thin", "faint"]
+Look = Literal["strong", "thin"]
+"""`strong`: thick lines and faint faces; `thin`: thin lines, of objects that are faint or shown by no lidar."""
 
-KM_H = 3.6
-"""One metre per second."""
+LINE_POINTS: dict[Look, float] = {"strong": 1.5, "thin": 0.7}
+"""Half the width of lines on the screen."""
 
 LEGEND_STEP = 0.2
 """Distance of the lines of the legend, as a share of the width of a column."""
@@ -71,18 +72,18 @@ def objects_3d(drawn: DrawnObjects, rows: Bools, look: Look) -> rr.Boxes3D:
     Args:
         drawn: All of them.
         rows: (N,) which of them.
-        look: `strong`: thick lines; `thin`, `faint`: thin lines.
+        look: Their look.
     """
     objects = drawn.boxes.select(rows)
     return rr.Boxes3D(
         centers=objects.centers,
         sizes=objects.sizes,
-        quaternions=_turns(objects.yaws),
-        colors=_bytes(drawn.colors[rows]),
+        quaternions=turns_of(objects.yaws),
+        colors=bytes_of(drawn.colors[rows]),
         labels=[label for label, chosen in zip(drawn.labels, rows.tolist(), strict=True) if chosen],
         show_labels=False,
         fill_mode="TransparentFillMajorWireframe" if look == "strong" else "MajorWireframe",
-        radii=rr.Radius.ui_points(1.5 if look == "strong" else 0.7),
+        radii=rr.Radius.ui_points(LINE_POINTS[look]),
     )
 
 
@@ -96,7 +97,7 @@ def own_vehicle(middle: F64, front: F64) -> rr.Boxes3D:
     return rr.Boxes3D(
         centers=[middle + _OWN_SIZE_M * np.array([0.0, 0.0, 0.5])],
         sizes=[_OWN_SIZE_M],
-        quaternions=_turns(np.arctan2(front[1:], front[:1])),
+        quaternions=turns_of(np.arctan2(front[1:], front[:1])),
         colors=OWN_VEHICLE,
         labels="own vehicle",
         show_labels=False,
@@ -125,7 +126,7 @@ def object_texts(drawn: DrawnObjects, texts: Sequence[str], places: F64, rows: B
     """Texts (N,) at places (N, 3) of some of the fused objects, which never wrap and have no point."""
     return rr.Points3D(
         places[rows],
-        colors=_bytes(drawn.colors[rows]),
+        colors=bytes_of(drawn.colors[rows]),
         radii=0.0,
         labels=[text for text, chosen in zip(texts, rows.tolist(), strict=True) if chosen],
         show_labels=True,
@@ -137,22 +138,13 @@ def label_lines(drawn: DrawnObjects, places: F64, rows: Bools) -> rr.LineStrips3
     tops = drawn.roofs
     rows = rows & (places[:, 2] != tops[:, 2])
     lines = np.stack([tops, places], 1)[rows].astype(np.float32)
-    return rr.LineStrips3D(lines, colors=_bytes(drawn.colors[rows]), radii=rr.Radius.ui_points(0.4))
+    return rr.LineStrips3D(lines, colors=bytes_of(drawn.colors[rows]), radii=rr.Radius.ui_points(0.4))
 
 
 def object_facts(drawn: DrawnObjects, rows: Bools) -> rr.DynamicArchetype:
-    """Sources of the geometry of some of the fused objects, and what their tracks say, to be read in the viewer.
-
-    They are texts: numbers would be curves in the plots.
-    """
-    tracks, facts = drawn.result.fused.tracks, {"source": source_names(drawn.boxes.sources[rows])}
-    if tracks is not None:
-        chosen = tracks.select(rows)
-        facts["speed"] = [f"{speed:.1f} m/s, {KM_H * speed:.0f} km/h" for speed in chosen.speeds.tolist()]
-        facts["existence"] = [f"{share:.2f}" for share in chosen.existence.tolist()]
-        facts["age"] = [f"{age_s:.1f} s" for age_s in chosen.ages_s.tolist()]
-    components: Any = {name: rr.components.TextBatch(texts) for name, texts in facts.items()}
-    return rr.DynamicArchetype("lidcam.Objects", components=components)
+    """Sources of the geometry of some of the fused objects, to be read in the viewer."""
+    sources = rr.components.TextBatch(source_names(drawn.boxes.sources[rows]))
+    return rr.DynamicArchetype("lidcam.Objects", components={"source": sources})
 
 
 def trails(drawn: DrawnObjects, paths: Sequence[F64]) -> rr.LineStrips3D:
@@ -160,7 +152,7 @@ def trails(drawn: DrawnObjects, paths: Sequence[F64]) -> rr.LineStrips3D:
     rows = [row for row, path in enumerate(paths) if len(path)]
     return rr.LineStrips3D(
         [paths[row] for row in rows],
-        colors=_bytes(drawn.colors[rows]),
+        colors=bytes_of(drawn.colors[rows]),
         radii=rr.Radius.ui_points(1.6),
     )
 
@@ -168,7 +160,7 @@ def trails(drawn: DrawnObjects, paths: Sequence[F64]) -> rr.LineStrips3D:
 def object_ellipses(drawn: DrawnObjects, rows: Bools) -> rr.LineStrips3D:
     """An ellipse of one standard deviation on the ground, around some of the fused objects."""
     objects = drawn.boxes.select(rows)
-    return _ellipses(objects, _bytes(drawn.colors[rows]))
+    return _ellipses(objects, bytes_of(drawn.colors[rows]))
 
 
 def placed_boxes(boxes: Boxes3D, class_names: Sequence[str]) -> rr.Boxes3D:
@@ -188,7 +180,7 @@ def _ellipses(boxes: Boxes3D, colors: U8) -> rr.LineStrips3D:
     return rr.LineStrips3D(closed, colors=colors, radii=rr.Radius.ui_points(0.7))
 
 
-def _turns(yaws: F64) -> F64:
+def turns_of(yaws: F64) -> F64:
     """(N, 4) quaternions x, y, z, w."""
     zeros = np.zeros_like(yaws)
     return np.stack([zeros, zeros, np.sin(yaws / 2), np.cos(yaws / 2)], -1)
@@ -204,7 +196,7 @@ def _edges(boxes: Boxes3D | TrueBoxes, labels: Sequence[str], color: Rgb, radius
     return rr.Boxes3D(
         centers=boxes.centers,
         sizes=boxes.sizes,
-        quaternions=_turns(boxes.yaws),
+        quaternions=turns_of(boxes.yaws),
         colors=color.bytes_rgb,
         labels=labels,
         show_labels=False,
@@ -222,7 +214,7 @@ def heading_arrows(drawn: DrawnObjects, rows: Bools) -> rr.Arrows3D:
     return rr.Arrows3D(
         origins=objects.centers,
         vectors=ahead * lengths[rows, None],
-        colors=_bytes(drawn.colors[rows]),
+        colors=bytes_of(drawn.colors[rows]),
         radii=objects.sizes[:, 2] * 0.03,
     )
 
@@ -232,7 +224,7 @@ def edges_2d(drawn: DrawnObjects, edges: ObjectEdges) -> rr.LineStrips2D:
     segments, rows = edges
     is_thick = drawn.strong & ~drawn.thin
     radii = np.where(is_thick, -1.0, -0.5)[rows]  # Rerun: a negative radius is in points of the screen
-    return rr.LineStrips2D(segments, colors=_bytes(drawn.colors[rows]), radii=radii, draw_order=20.0)
+    return rr.LineStrips2D(segments, colors=bytes_of(drawn.colors[rows]), radii=radii, draw_order=20.0)
 
 
 def boxes_2d(drawn: DrawnBoxes2D) -> rr.Boxes2D:
@@ -272,7 +264,8 @@ def labels_2d(drawn: DrawnBoxes2D, camera: CameraSensor, width_points: float) ->
     )
 
 
-def _bytes(colors: F64) -> U8:
+def bytes_of(colors: F64) -> U8:
+    """(N, 3) colours from 0 to 255."""
     return np.round(colors * 255).astype(np.uint8)
 
 

@@ -4,10 +4,8 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import cv2
-import numpy as np
 import rerun as rr
 
-from lidcam.pipeline.core.arrays import Bools
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.frame import Missing
 from lidcam.pipeline.core.messages import Drop, RawMessage, VideoPart
@@ -18,18 +16,18 @@ from lidcam.pipeline.core.tracks import NO_TRACK
 from lidcam.writers.drawing import DrawnObjects, ObjectEdges, camera_image, drawn_boxes_2d, with_outlines
 from lidcam.writers.labels_3d import LabelPlaces
 from lidcam.writers.messages.sensors import COMPRESSED, read_image
-from lidcam.writers.palette import ZONE, class_color
+from lidcam.writers.palette import ZONE
 from lidcam.writers.rerun import archetypes
 from lidcam.writers.rerun.blueprint import (
     FOV_Y_DEG,
     LABELS,
     NUMBERS,
     PLACED,
-    TRACKS,
     camera_path,
     image_width_points,
     place_eye,
 )
+from lidcam.writers.rerun.tracks import TrackLog
 from lidcam.writers.trails import Trails
 from lidcam.writers.viewpoint import SceneSurvey, drawn_zones, zone_texts
 
@@ -182,8 +180,7 @@ class ObjectLog:
         survey: Of the frames: places labels and zones.
 
     Attributes:
-        classes: Class of each track, by number, as it was last.
-        fastest_m_s: Highest speed of a track.
+        tracks: Logs those that have one.
     """
 
     def __init__(self, recording: rr.RecordingStream, rig: Rig, config: Config, survey: SceneSurvey) -> None:
@@ -192,9 +189,7 @@ class ObjectLog:
         self._trails = Trails(rig.site_frame, config.combine.motion)
         self._news = News(_OF_TRACKS)
         self._has_placed = False
-        self._tracks: set[int] = set()
-        self.classes: dict[int, int] = {}
-        self.fastest_m_s = 0.0
+        self.tracks = TrackLog(recording)
 
     def log_zones(self) -> None:
         """Log the outlines of the zones, once enough of the scene was seen."""
@@ -208,21 +203,13 @@ class ObjectLog:
     def log(self, drawn: DrawnObjects) -> None:
         """Log the objects of a frame at the time that is set."""
         result, log, strong = drawn.result, self._recording.log, drawn.strong
-        seen, thin, is_track = strong & ~drawn.thin, strong & drawn.thin, drawn.tracks != NO_TRACK
-        looks: tuple[tuple[str, Bools, archetypes.Look], ...] = (
-            ("world/objects", seen, "strong"),
-            ("world/placed", thin, "thin"),
-            ("world/faint", ~strong, "faint"),
-        )
-        for path, rows, look in looks:
-            if self._news.at(path, int((alone := rows & ~is_track).sum())):
-                log(path, archetypes.objects_3d(drawn, alone, look), archetypes.object_facts(drawn, alone))
-            for row in np.flatnonzero(rows & is_track).tolist():
-                self._log_track(drawn, row, look)
-        here = set(drawn.tracks[is_track].tolist())
-        for number in sorted(self._tracks - here):
-            log(f"{TRACKS}/{number}", rr.Clear(recursive=False))
-        self._tracks = here
+        seen, thin = strong & ~drawn.thin, strong & drawn.thin
+        looks: list[archetypes.Look] = ["strong" if one else "thin" for one in seen.tolist()]
+        self.tracks.log(drawn, looks)
+        for path, rows in (("world/objects", seen), ("world/placed", thin), ("world/faint", ~strong)):
+            if self._news.at(path, int((alone := rows & (drawn.tracks == NO_TRACK)).sum())):
+                shown = archetypes.objects_3d(drawn, alone, "strong" if path == "world/objects" else "thin")
+                log(path, shown, archetypes.object_facts(drawn, alone))
         if self._news.at("world/headings", int(seen.sum())):
             log("world/headings", archetypes.heading_arrows(drawn, seen))
         if self._news.at(LABELS, int(strong.sum())):
@@ -244,21 +231,6 @@ class ObjectLog:
             log(PLACED, rr.Clear(recursive=True))
             self._has_placed = False
             self._news.cleared(PLACED)
-
-    def _log_track(self, drawn: DrawnObjects, row: int, look: archetypes.Look) -> None:
-        """Log the object of a track at a path of its own: box and facts, and its speed to be plotted."""
-        number, class_id = int(drawn.tracks[row]), int(drawn.boxes.class_ids[row])
-        path, rows = f"{TRACKS}/{number}", np.arange(len(drawn.boxes)) == row
-        if number not in self.classes:
-            name = f"{self._config.object_names[class_id]} #{number}"
-            lines = rr.SeriesLines(colors=class_color(class_id).bytes_rgb, names=name)
-            self._recording.log(path, lines, static=True)
-        self.classes[number] = class_id
-        tracks = drawn.result.fused.tracks
-        speed = 0.0 if tracks is None else float(tracks.speeds[row])
-        self.fastest_m_s = max(self.fastest_m_s, speed)
-        shown, facts = archetypes.objects_3d(drawn, rows, look), archetypes.object_facts(drawn, rows)
-        self._recording.log(path, shown, facts, rr.Scalars(speed))
 
     def _log_texts(self, drawn: DrawnObjects) -> None:
         """The labels of objects, apart as the first view's eye sees them, and their numbers for the view from above."""

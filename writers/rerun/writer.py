@@ -181,7 +181,7 @@ class RerunResultWriter(ResultWriter):
     def _send_figures(self) -> None:
         """The properties of the recording: where the result comes from, and what was seen."""
         assert self._first is not None
-        names, counts = self._config.object_names, Counter(self._objects.classes.values())
+        names, counts = self._config.object_names, Counter(self._objects.tracks.classes.values())
         known = self._provenance.metadata()
         figures: dict[str, Any] = {
             "version": known["version"],
@@ -191,7 +191,7 @@ class RerunResultWriter(ResultWriter):
             "road_users": ", ".join(f"{count} {names[class_id]}" for class_id, count in sorted(counts.items())),
             "objects": self._object_count,
             "confirmed_by_cameras": self._confirmed_count,
-            "fastest_m_s": self._objects.fastest_m_s,
+            "fastest_m_s": self._objects.tracks.fastest_m_s,
             "recorded_video": ", ".join(f"{name}: {codec}" for name, codec in self._cameras.codecs.items()),
         }
         self._recording.send_property("lidcam", rr.AnyValues(**figures))
