@@ -201,6 +201,17 @@ def drawn_boxes_2d(drawn: DrawnObjects, camera: str) -> DrawnBoxes2D:
     return DrawnBoxes2D(boxes.xyxy, colors, labels, [index for index, _ in found], [iou for _, iou in found])
 
 
+def with_outlines(drawn: DrawnBoxes2D, objects: DrawnObjects, edges: ObjectEdges) -> DrawnBoxes2D:
+    """The 2D boxes of an image, and those around the strong objects in it that have none."""
+    segments, rows = edges
+    alone = np.setdiff1d(rows[objects.strong[rows]], drawn.objects).tolist()
+    corners = [segments[rows == row].reshape(-1, 2) for row in alone]
+    around = np.array([[*points.min(0), *points.max(0)] for points in corners], np.float32).reshape(-1, 4)
+    colors = [class_color(class_id) for class_id in objects.boxes.class_ids[alone].tolist()]
+    labels = [*drawn.labels, *(objects.labels[row] for row in alone)]
+    return DrawnBoxes2D(np.concatenate([drawn.xyxy, around]), [*drawn.colors, *colors], labels)
+
+
 def labels_in_the_clear(places: F64, sizes: F64, importance: F64) -> list[int]:
     """Rows of labels of which none covers another, the important ones first.
 

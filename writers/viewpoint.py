@@ -85,6 +85,7 @@ class SceneSurvey:
 
     rig: Rig  # The sensors
     frames: int = 0  # Number of frames taken in, those without points and objects, too
+    span: F64 | None = None  # (2, 2) least and greatest x and y of the strong objects of all frames; None without any
     _strong: list[F64] = field(default_factory=list)
     _faint: list[F64] = field(default_factory=list)
     _reach_m: list[float] = field(default_factory=list)
@@ -94,6 +95,11 @@ class SceneSurvey:
     def ground_m(self) -> float:
         """Height of the ground in the site frame: of its points, else as the rig says."""
         return float(np.median(self._ground_m)) if self._ground_m else self.rig.ground_height_m or 0.0
+
+    @property
+    def middle(self) -> F64:
+        """(3,) the middle of the sensors, metres."""
+        return np.asarray(self._sensors().mean(0))
 
     @property
     def bounds(self) -> tuple[F64, F64]:
@@ -107,14 +113,20 @@ class SceneSurvey:
         return len(self._strong) >= SURVEYED_FRAMES
 
     def add_frame(self, result: FrameResult) -> None:
-        """Take one frame in, unless the survey is complete."""
+        """Take one frame in; of those after the survey is complete, how far objects go alone."""
+        strong = strong_objects(result)
+        objects = result.fused.objects.select(strong)
+        if len(objects):
+            corners = box_corners(objects.centers, objects.sizes, objects.yaws)[..., :2].reshape(-1, 2)
+            corners = np.concatenate([corners, *([] if self.span is None else [self.span])])
+            self.span = np.stack([corners.min(0), corners.max(0)])
         if self.is_complete:
             return
         ground = result.combined.ground_cloud.xyz
         points = np.concatenate([result.combined.cloud.xyz[:, :2], ground[:, :2]])
         if len(ground):
             self._ground_m.append(float(np.median(ground[:, 2])))
-        self.take(result.fused.objects, strong_objects(result), points)
+        self.take(result.fused.objects, strong, points)
 
     def take(self, objects: Boxes3D, strong: Bools, points: Array) -> None:
         """Take in the objects of a frame, which of them are drawn strong, and points (N, 2) of the site."""
@@ -142,8 +154,14 @@ class SceneSurvey:
         return _nearest(*self._content(), _ELEVATION_RAD, aspect, fov_y_deg)
 
     def above(self, of: Viewpoint, *, aspect: float, fov_y_deg: float) -> Viewpoint:
-        """The eye that sees the same as another one from straight above, turned to the right where that fits better."""
+        """The eye straight above that sees the same, and all objects; turned to the right where that fits better."""
         points, _ = self._content()
+        if self.span is not None:
+            limit_m = _FARTHEST * self._usual_reach_m()
+            low, high = np.clip(self.span, self.middle[:2] - limit_m, self.middle[:2] + limit_m)
+            points = np.concatenate(
+                [points, [[x, y, self.ground_m] for x in (low[0], high[0]) for y in (low[1], high[1])]]
+            )
         return _nearest(points, [of.up, np.array([-of.up[1], of.up[0]])], _ABOVE_RAD, aspect, fov_y_deg)
 
     def _content(self) -> tuple[F64, list[F64]]:

@@ -85,4 +85,6 @@ def make_pages(job: Job, outputs: OutputTransaction) -> None:
     for path, output in written_outputs(job):
         if output.made_of_result:
             (result,) = (one for one in job.outputs if one.suffix == ".mcap")
-            outputs[path].write_text(loaded(output.made_of_result)(outputs[result].part))
+            film = result.with_suffix(".mp4")
+            name = film.name if film in job.outputs and path.parent == result.parent else ""
+            outputs[path].write_text(loaded(output.made_of_result)(outputs[result].part, film=name))

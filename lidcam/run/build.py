@@ -233,4 +233,4 @@ def _needed(bundle: SensorBundle, decoded: Collection[str]) -> SensorBundle:
         topic: message._replace(data=memoryview(message.data) if topic in decoded else b"")
         for topic, message in bundle.messages.items()
     }
-    return replace(bundle, messages=messages, copied=(), truth=())
+    return replace(bundle, messages=messages, copied=(), truth=(), video={})

@@ -13,7 +13,7 @@ from lidcam.pipeline.core.detections import Detections, Fused, Hypotheses, Match
 from lidcam.pipeline.core.errors import FrameError
 from lidcam.pipeline.core.geometry.pose_samples import OdometryPose, PoseSamples
 from lidcam.pipeline.core.geometry.poses import interpolate_poses
-from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.messages import Drop, RawMessage, VideoPart
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.settings.combine import MotionConfig
 from lidcam.pipeline.core.text import brief
@@ -44,6 +44,8 @@ class SensorBundle:
         missing: Why there is no message, by synchronised topic without one.
         copied: Recorded messages that an output takes over as they are, in the order in which they were recorded.
         truth: Recorded truth among them, to be drawn.
+        video: By topic whose image was decoded from a video, the packets that a decoder needs for it after those of the
+            bundles before. Without entry if the video's images are not in the order of its packets.
     """
 
     index: int
@@ -55,6 +57,7 @@ class SensorBundle:
     missing: Mapping[str, Missing] = field(default_factory=dict)
     copied: tuple[RawMessage, ...] = ()
     truth: tuple[TrueBoxes, ...] = ()
+    video: Mapping[str, VideoPart] = field(default_factory=dict)
 
     __repr__ = brief
 

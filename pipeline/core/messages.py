@@ -64,6 +64,13 @@ class RawMessage(NamedTuple):
         return self.channel.topic
 
 
+class VideoPart(NamedTuple):
+    """Packets of a video as they were recorded, one image each, in the order of decoding."""
+
+    codec: str  # `h264`, `hevc`, `vp9`, `av1`, `vp8`, `mpeg4` or `mjpeg`
+    packets: tuple[bytes, ...]
+
+
 class Drop(NamedTuple):
     """A message, or with `parts` some parts of one, that was not used."""
 

@@ -19,6 +19,7 @@ from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.core.text import one_line
 from lidcam.readers.messages.image import COMPRESSED_IMAGE
+from lidcam.readers.video.kept import KeptPackets
 from lidcam.readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VideoPacket, read_packet
 
 _PARAMETERS = re.compile(rb"\x00\x00\x01[\x07\x27\x47\x67]")
@@ -122,6 +123,9 @@ class VideoDecoder:
     The images are JPEG, to stay small while they wait for the other sensors. A message that gives no image is returned
     without data and with the reason as its `problem`: `BEFORE_KEY_FRAME`, `AFTER_DAMAGE`, or what is wrong with it.
     With B-frames messages are returned later, each with the image of its packet.
+
+    Attributes:
+        kept: The packets themselves.
     """
 
     def __init__(self, topic: str, *, limits: RecordingLimits = DEFAULT_LIMITS) -> None:
@@ -133,6 +137,7 @@ class VideoDecoder:
         self._waits = BEFORE_KEY_FRAME
         self._count = 0
         self._held: dict[int, tuple[RawMessage, str] | None] = {}
+        self.kept = KeptPackets()
 
     def add_message(self, message: RawMessage, *, show: bool = True) -> list[RawMessage]:
         """Take the next message; returns the messages that are done, in the order of their images.
@@ -164,6 +169,10 @@ class VideoDecoder:
             done += self.flush(damaged=True)
             problem = f"{len(packet.data)} bytes are not valid {packet.codec} ({err.strerror})"
             return [*done, *self._blank(message, problem, held is not None)]
+        if self._held:
+            self.kept.give_up()
+        else:
+            self.kept.add(packet, message)
         limit = MAX_HELD if self._context.has_b_frames else 0
         return done + self._give_up(max(len(self._held) - limit, 0))
 
@@ -189,6 +198,7 @@ class VideoDecoder:
 
     def flush(self, *, damaged: bool = False) -> list[RawMessage]:
         """Close the decoder at the end of a stream; returns the messages left. The next one begins with a key frame."""
+        self.kept.interrupt()
         if self._context is None:
             return []
         try:

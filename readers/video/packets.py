@@ -46,6 +46,11 @@ _KEY_UNITS = {
     "h264": re.compile(rb"\x00\x00\x01(?:[\x05\x25\x45\x65\x07\x27\x47\x67]|\x06\x06)"),
     "hevc": re.compile(rb"\x00\x00\x01[\x20\x22\x24\x26\x28\x2a\x2c\x2e\x40\x42\x44]"),
 }
+# Parameter sets of the sequence, and images that refer to no other.
+_FIRST_UNITS = {
+    "h264": (re.compile(rb"\x00\x00\x01[\x07\x27\x47\x67]"), re.compile(rb"\x00\x00\x01[\x05\x25\x45\x65]")),
+    "hevc": (re.compile(rb"\x00\x00\x01\x42"), re.compile(rb"\x00\x00\x01[\x20\x22\x24\x26\x28\x2a]")),
+}
 _TEMPORAL_DELIMITER, _SEQUENCE_HEADER = b"\x12\x00", 1
 
 
@@ -83,6 +88,11 @@ def read_packet(message: RawMessage) -> VideoPacket:
     if data.dtype != np.uint8 or not data.size:
         raise MessageError(f"{message.topic}: {named[:50]} video without data")
     return VideoPacket(codec, data, _is_key(codec, data, is_flagged), frame_id)
+
+
+def begins_video(packet: VideoPacket) -> bool:
+    """Whether a viewer can begin with a packet: more than a key frame, it has all that its decoder must know."""
+    return packet.is_key and all(unit.search(packet.data.data) for unit in _FIRST_UNITS.get(packet.codec, ()))
 
 
 def _is_key(codec: str, data: U8, is_flagged: bool) -> bool:

@@ -102,14 +102,14 @@ class VideoStreams:
     def without_blanks(
         self, bundles: Iterable[SensorBundle], *, on_drop: Callable[[Drop], None], on_bad: Callable[[Drop], None]
     ) -> Iterator[SensorBundle]:
-        """The bundles, of messages from `decoded`, without the video messages that gave no image.
+        """The bundles, of messages from `decoded`, with their packets and without the messages that gave no image.
 
         Those before the first key frame go to `on_drop`, as most recordings begin between two; all others to `on_bad`.
         """
         for bundle in bundles:
             blank = [m for topic in self._decoders if (m := bundle.messages.get(topic)) is not None and m.problem]
             if not blank:
-                yield bundle
+                yield self._with_packets(bundle)
                 continue
             dropped_before = Counter(bundle.dropped_before)
             for message in blank:
@@ -119,7 +119,17 @@ class VideoStreams:
             topics = {message.topic for message in blank}
             kept = {topic: message for topic, message in bundle.messages.items() if topic not in topics}
             missing = {**bundle.missing, **dict.fromkeys(sorted(topics), Missing.NO_IMAGE)}
-            yield replace(bundle, messages=kept, missing=missing, dropped_before=dict(dropped_before))
+            yield self._with_packets(
+                replace(bundle, messages=kept, missing=missing, dropped_before=dict(dropped_before))
+            )
+
+    def _with_packets(self, bundle: SensorBundle) -> SensorBundle:
+        taken = {
+            topic: decoder.kept.take(bundle.messages[topic])
+            for topic, decoder in self._decoders.items()
+            if topic in bundle.messages
+        }
+        return replace(bundle, video={topic: part for topic, part in taken.items() if part}) if taken else bundle
 
     def _drop(self, message: RawMessage) -> Drop:
         if message.problem == BEFORE_KEY_FRAME:

@@ -23,7 +23,7 @@ EMBEDDED = re.compile(r'<script type="application/json" id="figures">(.*?)</scri
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("report")
-    outputs = [made / "out.mcap", made / "out.html"]
+    outputs = [made / "out.mcap", made / "out.html", made / "out.mp4"]
     lidcam.process(SANDBOX, outputs, config="sandbox", settings=[CLUSTERS], duration_s=0.6, workers=1)
     return made
 
@@ -50,11 +50,12 @@ def test_a_run_and_the_command_write_the_same(folder: Path) -> None:
 def test_a_page_says_what_was_seen_and_stands_alone(folder: Path) -> None:
     page = (folder / "out.html").read_text(encoding="utf-8")
     content = without_scripts(page)
-    assert "2 road users in 0.4 s: 2 \u00d7 car." in content
+    assert "2 road users in 0.4 s: 2 \u00d7 car. 2 moved." in content
     assert "sandbox.bag" in content
     assert str(folder) not in page
     assert str(SANDBOX.parent) not in page
-    assert not re.findall(r'(?:src|href)="(?!#|data:)', content)
+    assert re.findall(r'(?:src|href)="(?!#|data:)([^"]*)', content) == ["out.mp4#t=0.1"]  # the film beside it
+    assert content.count('<img src="data:image/jpeg') > 2  # of the busiest moment, and of errors
     assert "url(" not in content
     assert {"map", "objects", "sensors", "skew", "speeds", "dwell", "curves", "errors"} == figures_of(page).keys()
     assert len(page) < 2_000_000

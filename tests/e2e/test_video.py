@@ -1,6 +1,9 @@
 """The sample recording with its cameras as video: the same fused objects, and images to look at."""
 
 import json
+import re
+import subprocess
+import sys
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
@@ -94,7 +97,10 @@ def test_the_same_objects_and_bytes(
     code, report, err = process(film, out, "--workers", 4, "--rerun", tmp_path / "out.rrd")
     assert code == 0, err
     assert out.read_bytes() == whole.read_bytes()
-    assert (tmp_path / "out.rrd").stat().st_size > 100_000
+    command = [sys.executable, "-m", "rerun_cli", "rrd", "print", "-v", str(tmp_path / "out.rrd")]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    packets = [int(n) for n in re.findall(r"with (\d+) rows .* - /world/cameras/cam11/image .*VideoStream", printed)]
+    assert sum(packets) == len(images_of(out))  # one packet per frame, as it came
     assert not any("decoded" in drop["reason"] or "shown" in drop["reason"] for drop in report["drops"])
     assert fused_objects(whole) == fused_objects(first_result)
     assert topics_of(whole)[OUTPUT_TOPICS[0]][0] == "sensor_msgs/msg/CompressedImage"

@@ -98,11 +98,15 @@ def test_sensors_around_a_scene_are_in_view_with_all_of_its_objects(
 
 
 @pytest.mark.parametrize("azimuth_deg", [0.0, 90.0, -45.0])
-def test_from_above_the_same_is_in_view(azimuth_deg: float) -> None:
+def test_from_above_the_same_is_in_view_and_all_objects(azimuth_deg: float) -> None:
     survey = SceneSurvey(rig(camera("c", azimuth_deg)))
     angle = np.radians(azimuth_deg)
-    places = np.array([[10, 3], [30, -2]]) @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    survey.add_frame(seen(places, points=ring(20)))
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    places, behind = np.array([[10, 3], [30, -2]]) @ turn, np.array([[-40, 5]]) @ turn
+    for _ in range(SURVEYED_FRAMES):
+        survey.add_frame(seen(places, points=ring(20)))
+    survey.add_frame(seen(behind, points=ring(20)))
+    places = np.concatenate([places, behind])
     of = survey.viewpoint(aspect=ASPECT, fov_y_deg=FOV_Y_DEG)
     for aspect in (0.5, 3.0):
         above = survey.above(of, aspect=aspect, fov_y_deg=FOV_Y_DEG)

@@ -8,7 +8,14 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F32, F64, I64
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.ros.messages import ROS2
-from lidcam.writers.drawing import DrawnBoxes2D, DrawnObjects, ObjectEdges, drawn_boxes_2d, labels_in_the_clear
+from lidcam.writers.drawing import (
+    DrawnBoxes2D,
+    DrawnObjects,
+    ObjectEdges,
+    drawn_boxes_2d,
+    labels_in_the_clear,
+    with_outlines,
+)
 from lidcam.writers.messages.parts import colors, opaque, split
 
 LABEL_SHARE = 1 / 24
@@ -27,13 +34,21 @@ def image_annotations(drawn: DrawnObjects, camera: CameraSensor, edges: ObjectEd
 
     An object has the colour of its class, and a thinner line if no lidar shows it. A 2D box is green and faint if it
     belongs to an object, whose 3D box is drawn as well, and amber if not; its label is the object's class with track
-    and speed, or with the score if it has no track, else the detector's. A label that would cover that of a larger box
-    is left out. Every stamp is the image's: viewers pair by equality.
+    and speed, or with the score if it has no track, else the detector's. A strong object without a 2D box has its label
+    at its 3D box. A label that would cover that of a larger box is left out. Every stamp is the image's: viewers pair
+    by equality.
     """
     boxes, time = drawn_boxes_2d(drawn, camera.name), ROS2.time(stamp_ns)
     line_px = camera.model.height_px * _LINE_SHARE
     lines = [*_objects(drawn, edges, line_px, time), *_rectangles(boxes, line_px, time)]
-    return ROS2.new("foxglove_msgs/msg/ImageAnnotations", time, [], lines, _texts(camera, boxes, time), [])
+    return ROS2.new(
+        "foxglove_msgs/msg/ImageAnnotations",
+        time,
+        [],
+        lines,
+        _texts(camera, with_outlines(boxes, drawn, edges), time),
+        [],
+    )
 
 
 def _objects(drawn: DrawnObjects, edges: ObjectEdges, line_px: float, time: Any) -> list[Any]:

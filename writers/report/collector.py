@@ -1,10 +1,12 @@
 """Gathers what a page shows from the frames of a result, in bounded memory."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.tracks import NO_TRACK
@@ -151,6 +153,14 @@ class Timeline:
         self._maxima = {name: np.concatenate([one.reshape(-1, 2).max(1), half]) for name, one in self._maxima.items()}
 
 
+class Moment(NamedTuple):
+    """A frame that is shown as an image."""
+
+    time_s: float  # Since the first frame
+    log_time_ns: int
+    boxes: Boxes3D  # The fused objects
+
+
 MAX_PLACES = 4_000
 """Cells of a map of objects without tracks."""
 
@@ -168,6 +178,8 @@ class ReportCollector:
         places: Where objects without tracks were, by class name.
         time: By step: `CLASS PLACE` sums of objects, `skew` the largest one (ms).
         sensors: By step: `TOPIC` frames with a message of it.
+        busiest: The frame with most objects, one with images rather than one without, the first of equals; None where
+            there are no objects, or the result does not say when its frames were recorded.
         log_times_ns: Log time of each frame; 0 where it is not known.
         way: The way of the site frame itself, as track 0.
         poses_known: Frames in which it is known where the site frame stood.
@@ -187,6 +199,9 @@ class ReportCollector:
         self.users, self.courses = RoadUserTally(config, rig), Courses()
         self.time, self.sensors = Timeline(), Timeline()
         self.places: dict[str, SparseGrid] = {}
+        self.busiest: Moment | None = None
+        self._cameras = {camera.topic for camera in rig.cameras if camera.topic}
+        self._busy = False, 0
         self.log_times_ns: list[int] = []
         self.way = Courses()
         self.poses_known, self.travelled_m = 0, 0.0
@@ -203,6 +218,8 @@ class ReportCollector:
         if (source := frame.sources.get("fused")) is not None:
             self._count(source, sums)
             self._draw(source, frame, time_s)
+            if frame.sync is not None and len(source.boxes):
+                self._keep_busiest(Moment(time_s, frame.sync.log_time_ns, source.boxes), frame.sync.offsets_ns)
         self.log_times_ns.append(0 if frame.sync is None else frame.sync.log_time_ns)
         maxima = {} if frame.skew_ns is None else {"skew": frame.skew_ns / 1e6}
         if frame.sync is not None:
@@ -217,6 +234,11 @@ class ReportCollector:
     def seconds(self) -> float:
         """From the first frame to the last."""
         return (self.last_ns - self.first_ns) / 1e9
+
+    def _keep_busiest(self, moment: Moment, topics: Collection[str]) -> None:
+        busy = not self._cameras.isdisjoint(topics), len(moment.boxes)
+        if busy > self._busy:
+            self._busy, self.busiest = busy, moment
 
     def _count(self, source: SourceBoxes, sums: dict[str, float]) -> None:
         places = self._rig.place_rows(source.boxes.centers).tolist()

@@ -1,16 +1,19 @@
 """The page as one file: content, style, plots and the script that draws them. Nothing is fetched when it is opened."""
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from lidcam.pipeline.core.text import visible
 from lidcam.writers.outputs.marks import PAGE
 from lidcam.writers.palette import Rgb, class_color
 from lidcam.writers.report.values import Figure
+
+_BACKTICKS = re.compile(r"`([^`]+)`")
 
 CLASSES = 6
 """Colours of classes; they repeat after these."""
@@ -61,13 +64,15 @@ def page(figures: Mapping[str, Figure], **content: object) -> str:
     """The whole page: the template with its content, and the plots by name."""
     from jinja2 import Environment, StrictUndefined
 
-    template = Environment(
+    environment = Environment(
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=StrictUndefined,
         finalize=lambda value: visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value,
-    ).from_string(_text("page.html"))
+    )
+    environment.filters["prose"] = prose
+    template = environment.from_string(_text("page.html"))
     return template.render(
         mark=Markup(PAGE),
         style=Markup(_text("page.css") + _swatches()),
@@ -84,6 +89,13 @@ def class_name(class_id: int, name: str) -> Markup:
     """The name of a class behind a square of its colour."""
     swatch = Markup('<span class="name"><span class="swatch c{}"></span>{}</span>')
     return swatch.format(class_id % CLASSES, visible(name))
+
+
+def prose(value: object) -> object:
+    """A text whose words between backticks are in the font of code; anything else as it is."""
+    if not isinstance(value, str) or isinstance(value, Markup):
+        return value
+    return Markup(_BACKTICKS.sub(r"<code>\1</code>", str(escape(visible(value)))))
 
 
 def _text(name: str) -> str:

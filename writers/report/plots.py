@@ -7,7 +7,7 @@ import numpy as np
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.evaluation.road_users import RoadUserTable
 from lidcam.writers.report.collector import ReportCollector
-from lidcam.writers.report.values import Figure, nice, per, rounded, seconds_axis
+from lidcam.writers.report.values import KM_H, Figure, nice, per, rounded, seconds_axis
 
 
 def objects_figure(seen: ReportCollector, class_names: Sequence[str], places: Sequence[str]) -> Figure:
@@ -88,15 +88,15 @@ def skew_figure(seen: ReportCollector) -> Figure:
 
 
 def speeds_figure(users: RoadUserTable, class_names: Sequence[str]) -> Figure:
-    """Road users by their mean speed."""
-    is_known = np.isfinite(users.speed_means)
-    fastest = float(users.speed_means[is_known].max(initial=0.1))
+    """Road users that moved by their mean speed."""
+    speeds = KM_H * users.speed_means
+    fastest = float(speeds[users.moved].max(initial=0.1))
     step = nice(max(fastest, 0.1) / 12)
     edges = np.arange(0, fastest + step, step)
     edges = np.append(edges, edges[-1] + step)
     traces = []
     for class_id, name in enumerate(class_names):
-        own = users.speed_means[is_known & (users.class_ids == class_id)]
+        own = speeds[users.moved & (users.class_ids == class_id)]
         if len(own):
             traces.append(
                 {
@@ -106,13 +106,13 @@ def speeds_figure(users: RoadUserTable, class_names: Sequence[str]) -> Figure:
                     "y": np.histogram(own, edges)[0].tolist(),
                     "marker": {"color": f"@class:{class_id}"},
                     "width": step * 0.9,
-                    "hovertemplate": "%{y} at %{x} &#177; " + f"{step / 2:.3g} m/s<extra>{name}</extra>",
+                    "hovertemplate": "%{y} at %{x} &#177; " + f"{step / 2:.3g} km/h<extra>{name}</extra>",
                 }
             )
     layout = {
         "barmode": "stack",
         "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0, "traceorder": "normal"},
-        "xaxis": {"title": {"text": "mean speed of each, m/s"}, "rangemode": "tozero"},
+        "xaxis": {"title": {"text": "mean speed of each, km/h"}, "rangemode": "tozero"},
         "yaxis": {"title": {"text": "road users"}},
     }
     return {"data": traces, "layout": layout, "height": 240}

@@ -12,7 +12,7 @@ from lidcam.pipeline.core.geometry.polygons import clipped_polygon
 from lidcam.pipeline.core.rig import Rig
 from lidcam.writers.report.collector import ReportCollector
 from lidcam.writers.report.grid import SparseGrid
-from lidcam.writers.report.values import Figure, nice, rounded
+from lidcam.writers.report.values import KM_H, Figure, nice, rounded
 
 MAX_PIXELS = 1400
 """Of the longer side of the background."""
@@ -193,10 +193,10 @@ def _line(name: str, color: str, lines: Sequence[F64], view: str) -> dict[str, A
         "meta": view,
         "x": rounded(points[:, 0]),
         "y": rounded(points[:, 1]),
-        "customdata": np.round(points[:, 2:], 1).tolist() if not np.isnan(points).any() else rounded(points[:, 2:]),
+        "customdata": rounded(np.round(points[:, 2:] * [KM_H, 1.0], 1)),
         "line": {"color": color, "width": 2},
         "connectgaps": False,
-        "hovertemplate": "%{x:.1f}, %{y:.1f} m<br>%{customdata[0]} m/s at %{customdata[1]} s<extra>"
+        "hovertemplate": "%{x:.1f}, %{y:.1f} m<br>%{customdata[0]} km/h at %{customdata[1]} s<extra>"
         + name
         + "</extra>",
     }
@@ -221,17 +221,17 @@ def _ends(name: str, color: str, lines: Sequence[F64], view: str) -> dict[str, A
 
 def _by_speed(lines: Sequence[F64]) -> list[dict[str, Any]]:
     """The lines once more, in pieces of the same step of speed."""
-    fastest = max(float(line[:, 2].max()) for line in lines)
+    fastest = KM_H * max(float(line[:, 2].max()) for line in lines)
     step = nice(max(fastest, 0.1) / SPEED_STEPS)
     pieces: dict[int, list[F64]] = {}
     for line in lines:
-        steps = np.minimum(line[:-1, 2] // step, SPEED_STEPS + 1).astype(int)
+        steps = np.minimum(KM_H * line[:-1, 2] // step, SPEED_STEPS + 1).astype(int)
         cuts = np.flatnonzero(np.diff(steps)) + 1
         for first, last in zip([0, *cuts.tolist()], [*cuts.tolist(), len(steps)], strict=True):
             if last > first:
                 pieces.setdefault(int(steps[first]), []).append(line[first : last + 1])
     count = max(pieces, default=0)
     return [
-        _line(f"{row * step:.3g} to {(row + 1) * step:.3g} m/s", f"@speed:{row / max(count, 1):.3f}", own, "by speed")
+        _line(f"{row * step:.3g} to {(row + 1) * step:.3g} km/h", f"@speed:{row / max(count, 1):.3f}", own, "by speed")
         for row, own in sorted(pieces.items())
     ]

@@ -11,6 +11,9 @@ import numpy.typing as npt
 
 from lidcam.pipeline.core.arrays import F64
 
+KM_H = 3.6
+"""Speed of one metre per second, km/h."""
+
 Figure: TypeAlias = dict[str, Any]
 Numbers: TypeAlias = npt.NDArray[np.integer] | npt.NDArray[np.floating]
 

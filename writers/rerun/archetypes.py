@@ -1,10 +1,9 @@
 """Records of a frame as Rerun's archetypes."""
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-import pyarrow as pa
 import rerun as rr
 
 from lidcam.pipeline.core.arrays import F32, F64, U8, Bools
@@ -13,26 +12,45 @@ from lidcam.pipeline.core.detections import Boxes3D, source_names
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.true_boxes import TrueBoxes
 from lidcam.writers.drawing import DrawnBoxes2D, DrawnObjects, ObjectEdges, ground_ellipses, labels_in_the_clear
-from lidcam.writers.palette import CAMERA_ONLY, GROUND, HEIGHT_COLORS, TRUTH, Rgb, height_rows
+from lidcam.writers.palette import (
+    CAMERA_ONLY,
+    GROUND,
+    HEIGHT_COLORS,
+    MATCHED,
+    TRUTH,
+    ZONE,
+    Rgb,
+    class_color,
+    height_rows,
+)
 
-Look = Literal["strong", "thin", "faint"]
+Look = Literal["strong", "thin"]
+"""`strong`: thick lines and faint faces; `thin`: thin lines, of objects that are faint or shown by no lidar."""
+
+LINE_POINTS: dict[Look, float] = {"strong": 1.5, "thin": 0.7}
+"""Half the width of lines on the screen."""
+
+LEGEND_STEP = 0.2
+"""Distance of the lines of the legend, as a share of the width of a column."""
 
 MAX_POINTS = 100_000
 """Points logged per frame; larger clouds are thinned evenly to keep the viewer responsive."""
 
-_LABEL_SHARE, _LETTER_SHARE = 0.08, 0.02
-"""Height of a label as a share of the image's, and width of a letter: in panels of the usual size."""
+_LABEL_POINTS, _LETTER_POINTS, _PADDING_POINTS = 28.0, 7.5, 16.0
+"""Height of a label in an image, width of a letter, and width beside the letters, in points of the screen."""
 
 _RED, _GREEN, _BLUE = HEIGHT_COLORS.T.astype(np.uint32)
 _PACKED_COLORS = _RED << 24 | _GREEN << 16 | _BLUE << 8 | 255
 """`HEIGHT_COLORS` as 0xRRGGBBAA."""
 
-_PADDING_SHARE = 0.05
-"""Width of a label beside its letters."""
-
-_FACE_ALPHA = 32
 _BEHIND_ALPHA = 110
-"""Opacity of a 2D box where the 3D box of its object is drawn; of 255, as that of faces."""
+"""Opacity of a 2D box where the 3D box of its object is drawn; of 255."""
+
+_OWN_SIZE_M = np.array([4.5, 1.8, 1.5])
+"""Length, width and height of an ordinary car: no recording says how large the vehicle is that carries the sensors."""
+
+OWN_VEHICLE, WAY = (190, 195, 205), (225, 190, 90)
+"""Colours of the vehicle that carries the sensors, and of its way."""
 
 
 def cloud_points(combined: CombinedCloud, heights: tuple[float, float]) -> rr.Points3D:
@@ -54,31 +72,53 @@ def objects_3d(drawn: DrawnObjects, rows: Bools, look: Look) -> rr.Boxes3D:
     Args:
         drawn: All of them.
         rows: (N,) which of them.
-        look: `strong`: thick lines; `thin`, `faint`: thin lines.
+        look: Their look.
     """
     objects = drawn.boxes.select(rows)
     return rr.Boxes3D(
         centers=objects.centers,
         sizes=objects.sizes,
-        quaternions=_turns(objects.yaws),
-        colors=_bytes(drawn.colors[rows]),
+        quaternions=turns_of(objects.yaws),
+        colors=bytes_of(drawn.colors[rows]),
         labels=[label for label, chosen in zip(drawn.labels, rows.tolist(), strict=True) if chosen],
         show_labels=False,
-        fill_mode="MajorWireframe",
-        radii=rr.Radius.ui_points(1.5 if look == "strong" else 0.7),
+        fill_mode="TransparentFillMajorWireframe" if look == "strong" else "MajorWireframe",
+        radii=rr.Radius.ui_points(LINE_POINTS[look]),
     )
 
 
-def faces_3d(drawn: DrawnObjects, rows: Bools) -> rr.Boxes3D:
-    """The faces of some of the fused objects, so faint that the points in a large one are seen through them."""
-    objects = drawn.boxes.select(rows)
-    rgb = _bytes(drawn.colors[rows])
+def own_vehicle(middle: F64, front: F64) -> rr.Boxes3D:
+    """The vehicle that carries the sensors, about as large as a car.
+
+    Args:
+        middle: (3,) on the ground, below the middle of the sensors, metres.
+        front: (2,) unit vector in which it drives.
+    """
     return rr.Boxes3D(
-        centers=objects.centers,
-        sizes=objects.sizes,
-        quaternions=_turns(objects.yaws),
-        colors=np.column_stack([rgb, np.full(len(rgb), _FACE_ALPHA, np.uint8)]),
-        fill_mode="Solid",
+        centers=[middle + _OWN_SIZE_M * np.array([0.0, 0.0, 0.5])],
+        sizes=[_OWN_SIZE_M],
+        quaternions=turns_of(np.arctan2(front[1:], front[:1])),
+        colors=OWN_VEHICLE,
+        labels="own vehicle",
+        show_labels=False,
+        fill_mode="TransparentFillMajorWireframe",
+        radii=rr.Radius.ui_points(1.0),
+    )
+
+
+def legend(class_names: Sequence[str]) -> rr.Points2D:
+    """The colours and what has them, below one another in two columns."""
+    named = [(name, class_color(class_id).bytes_rgb) for class_id, name in enumerate(class_names)]
+    named += [("2D box, matched", MATCHED.bytes_rgb), ("2D box alone", CAMERA_ONLY.bytes_rgb)]
+    named += [("ground truth", TRUTH.bytes_rgb), ("zone", ZONE.bytes_rgb)]
+    named += [("own vehicle", OWN_VEHICLE), ("its way", WAY)]
+    rows = np.arange(len(named))
+    return rr.Points2D(
+        np.stack([rows % 2 + 0.5, rows // 2 * LEGEND_STEP], 1),
+        colors=[color for _, color in named],
+        labels=[name for name, _ in named],
+        radii=0.0,
+        show_labels=True,
     )
 
 
@@ -86,7 +126,7 @@ def object_texts(drawn: DrawnObjects, texts: Sequence[str], places: F64, rows: B
     """Texts (N,) at places (N, 3) of some of the fused objects, which never wrap and have no point."""
     return rr.Points3D(
         places[rows],
-        colors=_bytes(drawn.colors[rows]),
+        colors=bytes_of(drawn.colors[rows]),
         radii=0.0,
         labels=[text for text, chosen in zip(texts, rows.tolist(), strict=True) if chosen],
         show_labels=True,
@@ -98,19 +138,13 @@ def label_lines(drawn: DrawnObjects, places: F64, rows: Bools) -> rr.LineStrips3
     tops = drawn.roofs
     rows = rows & (places[:, 2] != tops[:, 2])
     lines = np.stack([tops, places], 1)[rows].astype(np.float32)
-    return rr.LineStrips3D(lines, colors=_bytes(drawn.colors[rows]), radii=rr.Radius.ui_points(0.4))
+    return rr.LineStrips3D(lines, colors=bytes_of(drawn.colors[rows]), radii=rr.Radius.ui_points(0.4))
 
 
 def object_facts(drawn: DrawnObjects, rows: Bools) -> rr.DynamicArchetype:
-    """Sources of the geometry of some of the fused objects, and what their tracks say, to be read in the viewer."""
-    tracks, sources = drawn.result.fused.tracks, source_names(drawn.boxes.sources[rows])
-    facts: dict[str, Any] = {"source": rr.components.TextBatch(sources)}
-    if tracks is not None:
-        chosen = tracks.select(rows)
-        columns = {"track": chosen.ids, "speed_m_s": chosen.speeds}
-        columns |= {"existence": chosen.existence, "age_s": chosen.ages_s}
-        facts |= {name: pa.array(column) for name, column in columns.items()}  # empty ones have their type, too
-    return rr.DynamicArchetype("lidcam.Objects", drop_untyped_nones=False, components=facts)
+    """Sources of the geometry of some of the fused objects, to be read in the viewer."""
+    sources = rr.components.TextBatch(source_names(drawn.boxes.sources[rows]))
+    return rr.DynamicArchetype("lidcam.Objects", components={"source": sources})
 
 
 def trails(drawn: DrawnObjects, paths: Sequence[F64]) -> rr.LineStrips3D:
@@ -118,7 +152,7 @@ def trails(drawn: DrawnObjects, paths: Sequence[F64]) -> rr.LineStrips3D:
     rows = [row for row, path in enumerate(paths) if len(path)]
     return rr.LineStrips3D(
         [paths[row] for row in rows],
-        colors=_bytes(drawn.colors[rows]),
+        colors=bytes_of(drawn.colors[rows]),
         radii=rr.Radius.ui_points(1.6),
     )
 
@@ -126,7 +160,7 @@ def trails(drawn: DrawnObjects, paths: Sequence[F64]) -> rr.LineStrips3D:
 def object_ellipses(drawn: DrawnObjects, rows: Bools) -> rr.LineStrips3D:
     """An ellipse of one standard deviation on the ground, around some of the fused objects."""
     objects = drawn.boxes.select(rows)
-    return _ellipses(objects, _bytes(drawn.colors[rows]))
+    return _ellipses(objects, bytes_of(drawn.colors[rows]))
 
 
 def placed_boxes(boxes: Boxes3D, class_names: Sequence[str]) -> rr.Boxes3D:
@@ -146,7 +180,7 @@ def _ellipses(boxes: Boxes3D, colors: U8) -> rr.LineStrips3D:
     return rr.LineStrips3D(closed, colors=colors, radii=rr.Radius.ui_points(0.7))
 
 
-def _turns(yaws: F64) -> F64:
+def turns_of(yaws: F64) -> F64:
     """(N, 4) quaternions x, y, z, w."""
     zeros = np.zeros_like(yaws)
     return np.stack([zeros, zeros, np.sin(yaws / 2), np.cos(yaws / 2)], -1)
@@ -162,7 +196,7 @@ def _edges(boxes: Boxes3D | TrueBoxes, labels: Sequence[str], color: Rgb, radius
     return rr.Boxes3D(
         centers=boxes.centers,
         sizes=boxes.sizes,
-        quaternions=_turns(boxes.yaws),
+        quaternions=turns_of(boxes.yaws),
         colors=color.bytes_rgb,
         labels=labels,
         show_labels=False,
@@ -180,7 +214,7 @@ def heading_arrows(drawn: DrawnObjects, rows: Bools) -> rr.Arrows3D:
     return rr.Arrows3D(
         origins=objects.centers,
         vectors=ahead * lengths[rows, None],
-        colors=_bytes(drawn.colors[rows]),
+        colors=bytes_of(drawn.colors[rows]),
         radii=objects.sizes[:, 2] * 0.03,
     )
 
@@ -190,7 +224,7 @@ def edges_2d(drawn: DrawnObjects, edges: ObjectEdges) -> rr.LineStrips2D:
     segments, rows = edges
     is_thick = drawn.strong & ~drawn.thin
     radii = np.where(is_thick, -1.0, -0.5)[rows]  # Rerun: a negative radius is in points of the screen
-    return rr.LineStrips2D(segments, colors=_bytes(drawn.colors[rows]), radii=radii, draw_order=20.0)
+    return rr.LineStrips2D(segments, colors=bytes_of(drawn.colors[rows]), radii=radii, draw_order=20.0)
 
 
 def boxes_2d(drawn: DrawnBoxes2D) -> rr.Boxes2D:
@@ -207,16 +241,16 @@ def boxes_2d(drawn: DrawnBoxes2D) -> rr.Boxes2D:
     )
 
 
-def labels_2d(drawn: DrawnBoxes2D, camera: CameraSensor) -> rr.Points2D:
-    """The labels of 2D boxes, below each: Rerun wraps a box's own label to the width of the box, a point's never.
+def labels_2d(drawn: DrawnBoxes2D, camera: CameraSensor, width_points: float) -> rr.Points2D:
+    """The labels of boxes in an image, below each: Rerun wraps a box's own label to its width, a point's never.
 
-    A label that would cover that of a larger box is left out, and so is that of a box that is lower than a label.
+    A label that would cover that of a larger box is left out, and so is that of a box that is lower than a label, where
+    the image is this wide on the screen.
     """
     size_px = np.array([camera.model.width_px, camera.model.height_px], np.float64)
     low, high = drawn.xyxy[:, :2].astype(np.float64), drawn.xyxy[:, 2:].astype(np.float64)
-    widths = [len(label) * _LETTER_SHARE + _PADDING_SHARE for label in drawn.labels]
-    sizes = np.stack([widths, np.full(len(low), _LABEL_SHARE)], -1)
-    sizes *= size_px
+    widths = [len(label) * _LETTER_POINTS + _PADDING_POINTS for label in drawn.labels]
+    sizes = np.stack([widths, np.full(len(low), _LABEL_POINTS)], -1) * (camera.model.width_px / width_points)
     places = np.stack([(low[:, 0] + high[:, 0]) / 2, high[:, 1] + sizes[:, 1] / 2], -1)
     places = np.clip(places, sizes / 2, size_px - sizes / 2)
     heights = high[:, 1] - low[:, 1]
@@ -230,7 +264,8 @@ def labels_2d(drawn: DrawnBoxes2D, camera: CameraSensor) -> rr.Points2D:
     )
 
 
-def _bytes(colors: F64) -> U8:
+def bytes_of(colors: F64) -> U8:
+    """(N, 3) colours from 0 to 255."""
     return np.round(colors * 255).astype(np.uint8)
 
 

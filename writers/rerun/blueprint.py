@@ -5,17 +5,19 @@ from typing import Any
 import rerun.blueprint as rrb
 
 from lidcam.pipeline.core.rig import CameraSensor, Rig
-from lidcam.writers.panels import OBJECTS_TITLE, SKEW_TITLE, Panels, arrange, scene_panels
+from lidcam.writers.panels import SKEW_TITLE, WINDOW_PX, Panels, arrange, scene_panels
 from lidcam.writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order
 
 BACKGROUND = (13, 16, 23)
 FOV_Y_DEG = 55.0
 """Vertical field of view of Rerun's eye."""
 
-_TWO_PLOTS_SHARE = 0.3
+_PLOTS_SHARE = 0.55
+"""Of plots and legend."""
 
 FIXED = "world/fixed"
 WAY = "world/fixed/way"
+TRACKS, VEHICLE, LEGEND = "world/tracks", "world/vehicle", "legend"
 PLACED = "world/detections/cameras"
 """Boxes that the cameras alone place in 3D."""
 
@@ -31,6 +33,13 @@ TIMELINES = ("stamp", "frame")
 def camera_path(camera: CameraSensor) -> str:
     """Entity path of a camera: its pinhole, with image and boxes below it."""
     return f"world/cameras/{camera.name}"
+
+
+def image_width_points(rig: Rig) -> float:
+    """Width of an image in points of the screen, in a window of the usual size."""
+    panels = _panels(rig)
+    width = WINDOW_PX[0] * (panels.image_share if panels.side == "right" else 1 - panels.plot_share)
+    return max(width / panels.columns, 1.0)
 
 
 def place_eye(survey: SceneSurvey) -> Viewpoint:
@@ -77,7 +86,7 @@ def _scene(survey: SceneSurvey, viewpoint: Viewpoint, aspect: float) -> rrb.Cont
     split = scene_panels(aspect)
     above = survey.above(viewpoint, aspect=split.above_aspect, fov_y_deg=FOV_Y_DEG)
     cameras = _shown(survey.rig)
-    flat = [f"- {camera_path(camera)}/{leaf}/**" for camera in cameras for leaf in ("boxes", "objects")]
+    flat = [f"- {camera_path(camera)}/{leaf}" for camera in cameras for leaf in ("boxes", "labels", "objects")]
     no_sensors = ["- $origin/cameras/**", "- $origin/lidars/**"]
     views = [
         _scene_view("Scene", viewpoint, (0.0, 0.0, 1.0), [*flat, f"- {NUMBERS}"]),
@@ -119,13 +128,18 @@ def _image_view(camera: CameraSensor) -> rrb.Spatial2DView:
 
 
 def _plots(panels: Panels) -> rrb.Container:
-    """Numbers of objects, milliseconds, warnings: one below the other where there is room. Titles are the legends."""
-    legend = rrb.PlotLegend(visible=False)  # it would cover the curves
+    """Speeds and numbers of objects, warnings and skew in tabs; beside them what the colours mean."""
+    hidden = rrb.PlotLegend(visible=False)  # it would cover the curves
     counts = ["$origin/objects", "$origin/confirmed"]
-    objects = rrb.TimeSeriesView(name=OBJECTS_TITLE, origin="metrics", contents=counts, plot_legend=legend)
-    skew = rrb.TimeSeriesView(name=SKEW_TITLE, origin="metrics", contents="$origin/skew_ms", plot_legend=legend)
+    speeds = rrb.TimeSeriesView(name="Speeds (m/s)", origin=TRACKS, contents="$origin/**", plot_legend=hidden)
+    objects = rrb.TimeSeriesView(name="Objects", origin="metrics", contents=counts)
+    skew = rrb.TimeSeriesView(name=SKEW_TITLE, origin="metrics", contents="$origin/skew_ms", plot_legend=hidden)
     columns = rrb.TextLogColumns(timeline_columns=["frame"], text_log_columns=["loglevel", "body"])
     log = rrb.TextLogView(name="Warnings", origin=LOG, columns=columns)
-    if panels.plot_share >= _TWO_PLOTS_SHARE:
-        return rrb.Vertical(objects, rrb.Tabs(skew, log, active_tab=0))
-    return rrb.Tabs(objects, skew, log, active_tab=0)
+    plots = rrb.Tabs(speeds, objects, log, skew, active_tab=0)
+    bounds = rrb.VisualBounds2D(x_range=[0.0, 2.0], y_range=[0.0, 1.2])
+    legend = rrb.Spatial2DView(name="Colours", origin=LEGEND, background=BACKGROUND, visual_bounds=bounds)
+    shares = [_PLOTS_SHARE, 1 - _PLOTS_SHARE]
+    if panels.side == "top" and panels.plot_share:  # in a narrow column
+        return rrb.Vertical(plots, legend, row_shares=shares)
+    return rrb.Horizontal(plots, legend, column_shares=shares)

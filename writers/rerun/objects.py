@@ -6,24 +6,41 @@ from typing import Any
 import cv2
 import rerun as rr
 
-from lidcam.pipeline.core.arrays import Bools
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.frame import Missing
-from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.messages import Drop, RawMessage, VideoPart
 from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.tracks import NO_TRACK
-from lidcam.writers.drawing import DrawnObjects, ObjectEdges, camera_image, drawn_boxes_2d
+from lidcam.writers.drawing import DrawnObjects, ObjectEdges, camera_image, drawn_boxes_2d, with_outlines
 from lidcam.writers.labels_3d import LabelPlaces
 from lidcam.writers.messages.sensors import COMPRESSED, read_image
 from lidcam.writers.palette import ZONE
 from lidcam.writers.rerun import archetypes
-from lidcam.writers.rerun.blueprint import FOV_Y_DEG, LABELS, NUMBERS, PLACED, camera_path, place_eye
+from lidcam.writers.rerun.blueprint import (
+    FOV_Y_DEG,
+    LABELS,
+    NUMBERS,
+    PLACED,
+    camera_path,
+    image_width_points,
+    place_eye,
+)
+from lidcam.writers.rerun.tracks import TrackLog
 from lidcam.writers.trails import Trails
 from lidcam.writers.viewpoint import SceneSurvey, drawn_zones, zone_texts
 
 JPEG_QUALITY = 90
+_CODECS = {
+    "h264": rr.VideoCodec.H264,
+    "hevc": rr.VideoCodec.H265,
+    "vp8": rr.VideoCodec.VP8,
+    "vp9": rr.VideoCodec.VP9,
+    "av1": rr.VideoCodec.AV1,
+}
+"""What Rerun decodes. A stream has one codec."""
+
 _MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
 
@@ -31,18 +48,22 @@ class CameraLog:
     """Logs the images of one run's frames.
 
     Args:
-        decode_any_image: Decodes an image that is neither JPEG nor PNG; those are passed through.
+        decode_any_image: Decodes an image that is neither JPEG nor PNG nor of a video; those are passed through.
 
     Attributes:
+        codecs: Of the cameras whose video is logged as it was recorded.
         waiting_bytes: Bytes of images that were logged; the caller takes them off when they are in the file.
     """
 
     def __init__(
-        self, recording: rr.RecordingStream, config: Config, decode_any_image: Callable[[RawMessage], Image]
+        self, recording: rr.RecordingStream, rig: Rig, config: Config, decode_any_image: Callable[[RawMessage], Image]
     ) -> None:
         self._recording, self._config, self._decode = recording, config, decode_any_image
+        self._width_points = image_width_points(rig)
         self._news = News()
         self._shown: set[str] = set()
+        self._is_stream: dict[str, bool] = {}
+        self.codecs: dict[str, str] = {}
         self.waiting_bytes = 0
 
     def log(self, camera: CameraSensor, objects: DrawnObjects, edges: ObjectEdges) -> tuple[Drop, ...]:
@@ -59,20 +80,23 @@ class CameraLog:
                 self._clear(camera)
             return ()
         self._shown.add(camera.name)
-        image: Any = rr.Clear(recursive=False)
         drops: tuple[Drop, ...] = ()
-        if message is not None and self._config.output.images:
+        if message is None or not self._config.output.images:
+            if not is_slower:
+                self._log("image", camera, rr.Clear(recursive=False))
+        else:
             try:
-                image = self._encoded(message)
+                self._log_image(camera, message, result.bundle.video.get(camera.topic))
             except MessageError as err:
+                self._log("image", camera, rr.Clear(recursive=False))
                 drops = (Drop(message.topic, message.stamp_ns, "the image cannot be shown", str(err)),)
         drawn = drawn_boxes_2d(objects, camera.name)
-        if not is_slower:
-            self._log("image", camera, image)
         path = camera_path(camera)
         if self._news.at(f"{path}/boxes", len(drawn.labels)):
             self._log("boxes", camera, archetypes.boxes_2d(drawn))
-            self._log("boxes/labels", camera, archetypes.labels_2d(drawn, camera))
+        labelled = with_outlines(drawn, objects, edges)
+        if self._news.at(f"{path}/labels", len(labelled.labels)):
+            self._log("labels", camera, archetypes.labels_2d(labelled, camera, self._width_points))
         if self._news.at(f"{path}/objects", len(edges[1])):
             self._log("objects", camera, archetypes.edges_2d(objects, edges))
         return drops
@@ -80,10 +104,29 @@ class CameraLog:
     def _clear(self, camera: CameraSensor) -> None:
         if camera.name in self._shown:
             self._shown.remove(camera.name)
-            for leaf in ("boxes", "objects"):
+            for leaf in ("boxes", "labels", "objects"):
                 self._news.cleared(f"{camera_path(camera)}/{leaf}")
-            for leaf in ("image", "boxes", "boxes/labels", "objects"):
+            for leaf in ("image", "boxes", "labels", "objects"):
                 self._log(leaf, camera, rr.Clear(recursive=False))
+
+    def _log_image(self, camera: CameraSensor, message: RawMessage, video: VideoPart | None) -> None:
+        """Log an image as it was recorded: as its packets, where Rerun decodes them.
+
+        Raises:
+            MessageError: the bytes are not an image.
+        """
+        codec = "" if video is None else self.codecs.get(camera.name, video.codec)
+        is_stream = video is not None and codec in _CODECS and codec == video.codec
+        if self._is_stream.setdefault(camera.name, is_stream) != is_stream:
+            self._log("image", camera, rr.Clear(recursive=False))  # one would be drawn over the other
+            self._is_stream[camera.name] = is_stream
+        if video is None or not is_stream:
+            self._log("image", camera, self._encoded(message))
+            return
+        self.codecs[camera.name] = codec
+        for packet in video.packets:
+            self._log("image", camera, rr.VideoStream(_CODECS[codec], sample=packet))
+            self.waiting_bytes += len(packet)
 
     def _encoded(self, message: RawMessage) -> rr.EncodedImage:
         """The image as JPEG or PNG.
@@ -127,7 +170,7 @@ class News:
         self._empty.add(path)
 
 
-_OF_TRACKS = ("world/predicted", "world/predicted/uncertainty", "world/trails")
+_OF_TRACKS = ("world/trails",)
 
 
 class ObjectLog:
@@ -135,6 +178,9 @@ class ObjectLog:
 
     Args:
         survey: Of the frames: places labels and zones.
+
+    Attributes:
+        tracks: Logs those that have one.
     """
 
     def __init__(self, recording: rr.RecordingStream, rig: Rig, config: Config, survey: SceneSurvey) -> None:
@@ -143,6 +189,7 @@ class ObjectLog:
         self._trails = Trails(rig.site_frame, config.combine.motion)
         self._news = News(_OF_TRACKS)
         self._has_placed = False
+        self.tracks = TrackLog(recording)
 
     def log_zones(self) -> None:
         """Log the outlines of the zones, once enough of the scene was seen."""
@@ -157,28 +204,21 @@ class ObjectLog:
         """Log the objects of a frame at the time that is set."""
         result, log, strong = drawn.result, self._recording.log, drawn.strong
         seen, thin = strong & ~drawn.thin, strong & drawn.thin
-        placed, predicted = thin & ~drawn.predicted, thin & drawn.predicted
-        looks: tuple[tuple[str, Bools, archetypes.Look], ...] = (
-            ("world/objects", seen, "strong"),
-            ("world/placed", placed, "thin"),
-            ("world/predicted", predicted, "thin"),
-            ("world/faint", ~strong, "faint"),
-        )
-        for path, rows, look in looks:
-            if self._news.at(path, int(rows.sum())):
-                shown = archetypes.objects_3d(drawn, rows, look)
-                log(path, shown, archetypes.object_facts(drawn, rows))
-        if self._news.at("world/objects/heading", int(seen.sum())):
-            log("world/objects/heading", archetypes.heading_arrows(drawn, seen))
-            log("world/objects/faces", archetypes.faces_3d(drawn, seen))
+        looks: list[archetypes.Look] = ["strong" if one else "thin" for one in seen.tolist()]
+        self.tracks.log(drawn, looks)
+        for path, rows in (("world/objects", seen), ("world/placed", thin), ("world/faint", ~strong)):
+            if self._news.at(path, int((alone := rows & (drawn.tracks == NO_TRACK)).sum())):
+                shown = archetypes.objects_3d(drawn, alone, "strong" if path == "world/objects" else "thin")
+                log(path, shown, archetypes.object_facts(drawn, alone))
+        if self._news.at("world/headings", int(seen.sum())):
+            log("world/headings", archetypes.heading_arrows(drawn, seen))
         if self._news.at(LABELS, int(strong.sum())):
             self._log_texts(drawn)
         if self._rig.zones:
             texts = zone_texts(self._rig, drawn.boxes.centers)
             log("world/zones/counts", rr.Points3D.from_fields(labels=texts))
-        for path, rows in (("world/placed", placed), ("world/predicted", predicted)):
-            if self._news.at(f"{path}/uncertainty", int(rows.sum())):
-                log(f"{path}/uncertainty", archetypes.object_ellipses(drawn, rows))
+        if self._news.at("world/uncertainty", int(thin.sum())):
+            log("world/uncertainty", archetypes.object_ellipses(drawn, thin))
         paths = self._trails.add_frame(result)
         if self._news.at("world/trails", sum(len(path) > 0 for path in paths)):
             log("world/trails", archetypes.trails(drawn, paths))

@@ -6,9 +6,11 @@ with `rerun rrd compare --unordered`.
 """
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -31,7 +33,9 @@ from lidcam.writers.provenance import Provenance
 from lidcam.writers.rerun import archetypes
 from lidcam.writers.rerun.blueprint import (
     FIXED,
+    LEGEND,
     LOG,
+    VEHICLE,
     WAY,
     blueprint,
     camera_path,
@@ -42,7 +46,7 @@ from lidcam.writers.rerun.objects import CameraLog, ObjectLog
 from lidcam.writers.rerun.stream import RerunStream
 from lidcam.writers.rerun.viewer import RerunViewer
 from lidcam.writers.truth_times import FrameTime, TruthTimes
-from lidcam.writers.viewpoint import SceneSurvey
+from lidcam.writers.viewpoint import SceneSurvey, Viewpoint, front_of_rig
 
 FLUSH_TICK_S = 86400
 """Rerun cuts data into chunks by size and by this time; a day, so that the clock decides nothing."""
@@ -52,7 +56,6 @@ MAX_WAITING_BYTES, MAX_WAITING_FRAMES = 1 << 26, 1000
 """Images and points, and frames, that are logged before the writer waits until they are in the file."""
 POINT_BYTES = 16
 """Position and colour."""
-_WAY_COLOR = (225, 190, 90)
 
 
 class RerunResultWriter(ResultWriter):
@@ -80,10 +83,12 @@ class RerunResultWriter(ResultWriter):
         self._provenance, self._decode = provenance, decode_any_image
         self._recording: rr.RecordingStream
         self._survey = SceneSurvey(rig)
-        self._is_placed = False
+        self._viewpoint: Viewpoint | None = None
         self._first: tuple[int, int] | None = None
+        self._last_ns = self._object_count = self._confirmed_count = 0
         self._heights: tuple[float, float] | None = None
         self._last_place: list[float] | None = None
+        self._has_vehicle = False
         self._truth_times = TruthTimes()
         self._nearest_truth: tuple[FrameTime, TrueBoxes] | None = None
         self._fixed_frame_id: str | None = None
@@ -101,7 +106,7 @@ class RerunResultWriter(ResultWriter):
         self._recording.set_log_time_enabled(False)
         self._recording.set_log_tick_enabled(False)
         self._objects = ObjectLog(self._recording, self._rig, self._config, self._survey)
-        self._cameras = CameraLog(self._recording, self._config, self._decode)
+        self._cameras = CameraLog(self._recording, self._rig, self._config, self._decode)
         self._stream: RerunStream | RerunViewer
         self._stream = RerunViewer(self._recording) if file is None else RerunStream(self._recording, file, self.path)
         resources.callback(lambda: self._stream.discard())  # does nothing after `finish`
@@ -109,8 +114,11 @@ class RerunResultWriter(ResultWriter):
         self._recording.send_recording_name(visible(title) or "lidcam")
 
     def _finish(self) -> None:
-        if not self._is_placed and self._survey.frames:
-            self._place_eye()
+        if self._first is not None:
+            viewpoint = self._viewpoint or self._place_eye()
+            if self._output is not None:  # all objects are known now, and in view from above
+                self._recording.send_blueprint(blueprint(self._survey, viewpoint))
+            self._send_figures()
         self._log_warnings()
         self._log_truth(self._truth_times.rest(), is_last=True)
         self._stream.finish()
@@ -127,8 +135,10 @@ class RerunResultWriter(ResultWriter):
             self._first = result.bundle.index, result.bundle.stamp_ns
             self._log_static()
         self._survey.add_frame(result)
-        if not self._is_placed and (self._survey.is_complete or self._output is None):  # who looks on does not wait
-            self._place_eye()
+        if self._viewpoint is None and (self._survey.is_complete or self._output is None):  # who looks on does not wait
+            viewpoint = self._place_eye()
+            if self._output is None:
+                self._recording.send_blueprint(blueprint(self._survey, viewpoint))
         if result.bundle.motion is not None:
             self._fixed_frame_id = result.bundle.motion.fixed_frame_id
         self._log_truth(self._truth_times.add_frame(result.bundle))
@@ -142,8 +152,11 @@ class RerunResultWriter(ResultWriter):
         edges = object_edges(result, [camera.name for camera in self._rig.cameras])
         for camera in self._rig.cameras:
             drops += self._cameras.log(camera, drawn, edges[camera.name])
-        self._recording.log("metrics/objects", rr.Scalars(float(len(result.fused.objects))))
-        self._recording.log("metrics/confirmed", rr.Scalars(float((result.fused.matched > 0).sum())))
+        objects, confirmed = len(result.fused.objects), int((result.fused.matched > 0).sum())
+        self._recording.log("metrics/objects", rr.Scalars(float(objects)))
+        self._recording.log("metrics/confirmed", rr.Scalars(float(confirmed)))
+        self._object_count, self._confirmed_count = self._object_count + objects, self._confirmed_count + confirmed
+        self._last_ns = result.bundle.stamp_ns
         self._recording.log("metrics/skew_ms", rr.Scalars(result.bundle.skew_ns / 1e6))
         for drop in (*result.drops, *drops):
             text = ": ".join(filter(None, (drop.topic, drop.reason, drop.detail)))
@@ -157,9 +170,31 @@ class RerunResultWriter(ResultWriter):
         if self._first is None:
             return
         self._set_time(*self._first)
+        for name, codec in self._cameras.codecs.items():
+            if codec != "av1":
+                text = f"{name}: {codec} video, as recorded: Rerun shows it where FFmpeg is installed, or in a browser"
+                self._recording.log(f"{LOG}/run", rr.TextLog(text, level=rr.TextLogLevel.INFO))
         for warning in json.loads(self._provenance.summary()).get("warnings", ()):
             text = f"{warning['subject']}: {warning['finding']}; {warning['remedy']}"
             self._recording.log(f"{LOG}/run", rr.TextLog(text, level=rr.TextLogLevel.WARN))
+
+    def _send_figures(self) -> None:
+        """The properties of the recording: where the result comes from, and what was seen."""
+        assert self._first is not None
+        names, counts = self._config.object_names, Counter(self._objects.tracks.classes.values())
+        known = self._provenance.metadata()
+        figures: dict[str, Any] = {
+            "version": known["version"],
+            "settings": known["settings"],
+            "frames": self._frames,
+            "seconds": (self._last_ns - self._first[1]) / 1e9,
+            "road_users": ", ".join(f"{count} {names[class_id]}" for class_id, count in sorted(counts.items())),
+            "objects": self._object_count,
+            "confirmed_by_cameras": self._confirmed_count,
+            "fastest_m_s": self._objects.tracks.fastest_m_s,
+            "recorded_video": ", ".join(f"{name}: {codec}" for name, codec in self._cameras.codecs.items()),
+        }
+        self._recording.send_property("lidcam", rr.AnyValues(**figures))
 
     def _bound_memory(self) -> None:
         """Wait for the disk now and then; what decides when is the data, as this cuts them into chunks."""
@@ -171,10 +206,10 @@ class RerunResultWriter(ResultWriter):
             self._stream.flush()
             self._waiting_bytes = self._cameras.waiting_bytes = 0
 
-    def _place_eye(self) -> None:
-        """The layout, and what is drawn in the scene's own measure: known once enough of it was seen."""
-        viewpoint, static = place_eye(self._survey), self._recording
-        self._is_placed = True
+    def _place_eye(self) -> Viewpoint:
+        """Log what is drawn in the scene's own measure, which is known once enough of it was seen."""
+        self._viewpoint = viewpoint = place_eye(self._survey)
+        static = self._recording
         for lidar in self._rig.lidars:
             axes = rr.TransformAxes3D(viewpoint.size_m * 0.04)
             static.log(f"world/lidars/{lidar.name}", _transform(lidar.T_site_lidar), axes, static=True)
@@ -191,7 +226,7 @@ class RerunResultWriter(ResultWriter):
             pose = _transform(camera.T_camera_site.inverse())
             static.log(camera_path(camera), pose, pinhole, no_axes, static=True)
         self._objects.log_zones()
-        static.send_blueprint(blueprint(self._survey, viewpoint))
+        return viewpoint
 
     def _log_static(self) -> None:
         context = [
@@ -199,6 +234,7 @@ class RerunResultWriter(ResultWriter):
             for class_id, name in enumerate(self._config.object_names)
         ]
         static = self._recording
+        static.log(LEGEND, archetypes.legend(self._config.object_names), static=True)
         static.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, rr.AnnotationContext(context), static=True)
         for path, color, label in (
             ("objects", class_color(0), "objects"),
@@ -208,8 +244,12 @@ class RerunResultWriter(ResultWriter):
             static.log(f"metrics/{path}", rr.SeriesLines(colors=color.bytes_rgb, names=label), static=True)
 
     def _log_motion(self, result: FrameResult) -> None:
-        """The frame in which the rig moves, seen from the rig, and the rig's step since the frame before."""
+        """The vehicle, the frame in which it moves, seen from the vehicle, and its step since the frame before."""
         motion, stamp_ns = result.bundle.motion, result.bundle.stamp_ns
+        if not self._has_vehicle and (motion is not None or result.odometry is not None):
+            middle = np.array([*self._survey.middle[:2], self._survey.ground_m])
+            self._recording.log(VEHICLE, archetypes.own_vehicle(middle, front_of_rig(self._rig)), static=True)
+            self._has_vehicle = True
         if motion is None:
             return
         if not motion.covers(stamp_ns):
@@ -220,7 +260,7 @@ class RerunResultWriter(ResultWriter):
         self._recording.log(FIXED, _transform(Transform(motion.fixed_frame_id, motion.frame_id, pose).inverse()))
         place = pose[:3, 3].tolist()
         step = [self._last_place or place, place]
-        self._recording.log(WAY, rr.LineStrips3D([step], colors=_WAY_COLOR, radii=rr.Radius.ui_points(2.0)))
+        self._recording.log(WAY, rr.LineStrips3D([step], colors=archetypes.WAY, radii=rr.Radius.ui_points(2.0)))
         self._last_place = place
 
     def _log_clouds(self, result: FrameResult) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from rich.table import Table
 
@@ -11,9 +12,9 @@ from lidcam.cli.printing.folding import Folded
 from lidcam.cli.printing.mistakes import mistake_note
 from lidcam.evaluation.evaluate import Progress, evaluate_result, not_shown, within_labels
 from lidcam.evaluation.evaluation import Evaluation, EvaluationJob
-from lidcam.outputs.allowed import PAGE, check_no_input, check_replaced
+from lidcam.outputs.allowed import PAGE, check_no_input, check_replaced, is_own_film
 from lidcam.outputs.report import sections
-from lidcam.outputs.report.images import CLOUD_TOPIC, mistake_image
+from lidcam.outputs.report.images import CLOUD_TOPIC, busiest_images, mistake_image
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.settings.load import dump_config
 from lidcam.pipeline.evaluation.detection.plots import DetectionPlots
@@ -44,15 +45,16 @@ def write_page(result: Path, page_path: Path, *, overwrite: bool = False, show: 
     check_no_input([page_path], [result])
     check_old = check_replaced(lambda _: PAGE, overwrite=overwrite)
     with OutputTransaction([page_path], check_old=check_old) as outputs:
-        outputs[page_path].write_text(make_page(result, show))
+        outputs[page_path].write_text(make_page(result, show, film=film_of(result, page_path)))
 
 
-def make_page(path: Path, show: Progress = not_shown) -> str:
+def make_page(path: Path, show: Progress = not_shown, *, film: str = "") -> str:
     """The page about a result, as HTML; the same result gives the same bytes.
 
     Args:
         path: The .mcap that `lidcam process` wrote.
         show: Shows the progress.
+        film: Name of the run's film, in the folder of the page; empty without one.
 
     Raises:
         LidcamError: the result cannot be read.
@@ -77,6 +79,9 @@ def make_page(path: Path, show: Progress = not_shown) -> str:
             version=metadata.get("version", "unknown"),
             seen=seen,
             lead=sections.lead(seen, names),
+            busiest=busiest_images(result, seen.busiest) if seen.busiest is not None else (),
+            busiest_note=sections.busiest_note(seen),
+            film=quote(film),
             rate=sections.frame_rate(seen),
             counts=sections.counts(seen, names),
             has_summary=bool(summary),
@@ -93,11 +98,18 @@ def make_page(path: Path, show: Progress = not_shown) -> str:
             dropped_tables=sections.dropped(summary),
             origin_tables=[
                 *sections.origin(seen, summary, metadata, result.rig.sensor_of_topic),
-                _versions(result, evaluation),
+                _versions(result),
             ],
+            checksums=sections.checksums(metadata, path.name, evaluation.inputs[0].tree()["sha256"] or ""),
             origin_notes=evaluation.notes,
             settings=dump_config(result.config),
         )
+
+
+def film_of(result: Path, page: Path) -> str:
+    """Name of the film of a result, where both and its page are in one folder; empty where there is none."""
+    film = result.with_suffix(".mp4")
+    return film.name if page.resolve().parent == result.resolve().parent and is_own_film(film) else ""
 
 
 def background_of(result: Result, log_times_ns: Sequence[int]) -> SparseGrid:
@@ -205,15 +217,13 @@ def _plain(cell: object) -> str:
     return cell.text if isinstance(cell, Folded) else str(cell)
 
 
-def _versions(result: Result, evaluation: Evaluation) -> PageTable:
+def _versions(result: Result) -> PageTable:
     metadata = result.metadata
-    (file,) = evaluation.inputs
+    named = {key: text for key, text in metadata.items() if key.startswith(SHOWN_FACTS)}
     facts = [
         ["lidcam", metadata.get("version", "unknown")],
         ["settings", metadata.get("settings", "unknown")],
-        *([key, metadata[key]] for key in ("config.sha256", "rig.sha256") if key in metadata),
-        *([key, text] for key, text in metadata.items() if key.startswith(SHOWN_FACTS)),
+        *([key, text] for key, text in named.items() if not key.endswith(".sha256")),
         ["site frame", result.rig.site_frame],
-        [f"{result.path.name}, sha256", file.tree()["sha256"] or ""],
     ]
     return PageTable(["", ""], [[key, sections.code(text)] for key, text in facts], (0, 1))

@@ -7,10 +7,10 @@ import numpy as np
 from markupsafe import Markup
 
 from lidcam.cli.printing.console import BOX_SOURCES
-from lidcam.cli.printing.numbers import number, percent
+from lidcam.cli.printing.numbers import PER_M_S, number, percent
 from lidcam.pipeline.core.settings.engines import ENGINES
 from lidcam.pipeline.core.text import visible
-from lidcam.pipeline.evaluation.road_users import RoadUserTable
+from lidcam.pipeline.evaluation.road_users import MIN_MOVING_SPEED_M_S, RoadUserTable
 from lidcam.run.warning import RunWarning
 from lidcam.writers.report.collector import ReportCollector
 from lidcam.writers.report.page import PageTable, class_name
@@ -42,8 +42,17 @@ def lead(seen: ReportCollector, class_names: Sequence[str]) -> str:
     if not seen.is_tracked:
         per_frame = sum(seen.objects.values()) / seen.frames
         return f"{per_frame:.1f} objects at a time, in {duration}. They were not tracked, so nobody is counted once."
-    total = len(seen.users.table)
-    return f"{total} road user{'s' * (total != 1)} in {duration}: {_listed(seen.users.table.class_ids, class_names)}."
+    users = seen.users.table
+    who, counted = _listed(users.class_ids, class_names), {"moved": users.moved.sum(), "stood": users.stood.sum()}
+    did = ", ".join(f"{count} {what}" for what, count in counted.items() if count)
+    return f"{len(users)} road user{'s' * (len(users) != 1)} in {duration}: {who}." + (f" {did}." if did else "")
+
+
+def busiest_note(seen: ReportCollector) -> str:
+    """What the first image is of; empty without one."""
+    if (found := seen.busiest) is None:
+        return ""
+    return f"The busiest moment, {found.time_s:.1f} s after the first frame: {len(found.boxes)} objects."
 
 
 def _listed(class_ids: Any, class_names: Sequence[str]) -> str:
@@ -58,7 +67,7 @@ def frame_rate(seen: ReportCollector) -> str:
 
 
 def counts(seen: ReportCollector, class_names: Sequence[str]) -> PageTable:
-    """Road users by class, with zones and speeds; where nothing was tracked, objects at a time."""
+    """Road users by class, with zones, and speeds of those that moved; objects at a time where nothing was tracked."""
     rows: list[list[object]]
     if not seen.is_tracked:
         rows = [
@@ -74,13 +83,21 @@ def counts(seen: ReportCollector, class_names: Sequence[str]) -> PageTable:
     for class_id, name in enumerate(class_names):
         own = users.class_ids == class_id
         if own.any():
-            is_known = own & np.isfinite(users.speed_means)
-            means, maxima = users.speed_means[is_known], users.speed_maxima[is_known]
+            moved, stood = own & users.moved, own & users.stood
+            means, maxima = users.speed_means[moved], users.speed_maxima[moved]
             speeds = (means.mean(), np.percentile(means, FASTER), maxima.max()) if len(means) else ()
             by_place = [int((users.frames[own, column] > 0).sum()) for column in columns]
-            shown = [f"{number(float(speed), 1)} m/s" for speed in speeds] or [""] * 3
-            rows.append([class_name(class_id, name), int(own.sum()), *by_place, *shown])
-    return PageTable(["", "number", *places, "mean speed", f"{FASTER} % below", "fastest"], rows)
+            shown = [speed_text(float(speed)) for speed in speeds] or [""] * 3
+            numbers = [int(count) for count in (own.sum(), moved.sum(), stood.sum())]
+            rows.append([class_name(class_id, name), *numbers, *by_place, *shown])
+    notes = [f"Speeds in km/h (m/s), of those that moved, i.e. reached {speed_text(MIN_MOVING_SPEED_M_S)}."]
+    head = ["", "number", "moved", "stood", *places, "mean speed", f"{FASTER} % below", "fastest"]
+    return PageTable(head, rows, notes=notes if rows else ())
+
+
+def speed_text(speed_m_s: float) -> str:
+    """A speed in km/h, and in m/s."""
+    return f"{number(speed_m_s * PER_M_S['km/h'], 1)} ({number(speed_m_s, 1)})"
 
 
 def doubts(
@@ -101,12 +118,12 @@ def movements(users: RoadUserTable, class_names: Sequence[str]) -> PageTable:
     rows: list[list[Any]] = []
     for first, last in np.unique(ways[went], axis=0).tolist():
         own = went & (ways == [first, last]).all(1)
-        means = users.speed_means[own & np.isfinite(users.speed_means)]
-        speed = f"{means.mean():.1f} m/s" if len(means) else ""
+        means = users.speed_means[own & users.moved]
+        speed = speed_text(float(means.mean())) if len(means) else ""
         listed = _listed(users.class_ids[own], class_names)
         rows.append([users.places[first], users.places[last], int(own.sum()), listed, speed])
     rows.sort(key=lambda row: (-row[2], row[0], row[1]))
-    return PageTable(["from", "to", "number", "of them", "mean speed"], rows, (0, 1, 3))
+    return PageTable(["from", "to", "number", "of them", "mean km/h (m/s)"], rows, (0, 1, 3))
 
 
 def dropped(summary: Mapping[str, Any]) -> list[PageTable]:
@@ -166,9 +183,8 @@ def origin(
     """What was recorded and used: files, sensors with their calibration, where boxes and motion come from."""
     files: list[list[object]] = []
     while (name := metadata.get(f"input.{len(files)}.name", metadata.get(f"input.{len(files)}.url"))) is not None:
-        size, digest = metadata.get(f"input.{len(files)}.size"), metadata.get(f"input.{len(files)}.sha256", "")
-        shown = digest or "none: only a part was processed, or the file changed meanwhile"
-        files.append([name, f"{int(size) / 1e6:.1f} MB" if size else "", code(shown)])
+        size = metadata.get(f"input.{len(files)}.size")
+        files.append([name, f"{int(size) / 1e6:.1f} MB" if size else ""])
     used = {topic: int(seen.sensors.sums(topic).sum()) for topic in topics}
     calibration = {one["topic"]: one for one in summary.get("calibration", ())}
     sensors = []
@@ -185,10 +201,22 @@ def origin(
     if copied := summary.get("copied"):
         facts.append(["copied from the recording", f"{sum(copied.values())} messages of {len(copied)} topics"])
     return [
-        PageTable(["recording", "size", "sha256"], files, (0, 2)),
+        PageTable(["recording", "size"], files),
         PageTable(["sensor", "topic", "used", "in frames", "calibration from"], sensors, (0, 1, 4)),
         PageTable(["", ""], [fact for fact in facts if fact[1]], (0, 1)),
     ]
+
+
+def checksums(metadata: Mapping[str, str], result_name: str, digest: str) -> PageTable:
+    """The SHA-256 of the recordings, of what was read beside them, of settings and rig, and of the result."""
+    rows: list[list[str]] = []
+    while (name := metadata.get(f"input.{len(rows)}.name", metadata.get(f"input.{len(rows)}.url"))) is not None:
+        found = metadata.get(f"input.{len(rows)}.sha256", "")
+        rows.append([name, found or "none: only a part was processed, or the file changed meanwhile"])
+    others = {key: text for key, text in metadata.items() if key.endswith(".sha256") and not key.startswith("input.")}
+    rows += [[key.removesuffix(".sha256"), text] for key, text in others.items()]
+    rows.append([result_name, digest])
+    return PageTable(["", "SHA-256"], [[name, code(text)] for name, text in rows], (0, 1))
 
 
 def _motion(motion: Mapping[str, Any], frames: int) -> str:

@@ -12,7 +12,7 @@ from memory_recording import MemoryRecording
 from video import PERIOD_NS, T0, compressed_video, encode, ffmpeg, foxglove, moving, pixels, psnr_db
 
 from lidcam.pipeline.core.frame import SensorBundle
-from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.messages import Drop, RawMessage, VideoPart
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.recording import TopicsConfig
 from lidcam.pipeline.core.settings.sync import SyncConfig
@@ -158,3 +158,32 @@ def test_without_the_decoder_the_topic_cannot_be_read(monkeypatch: pytest.Monkey
         assert list(recording.messages()) == []
         assert [topic.problem for topic in survey(recording)] == [remedy]
         assert video_topics(recording, [TOPIC]) == ()
+
+
+def bundled(messages: Sequence[RawMessage], every: int = 1) -> list[SensorBundle]:
+    """Frames of every Nth image, with the packets that each has."""
+    streams = VideoStreams([TOPIC])
+    images = list(streams.decoded(messages))[::every]
+    found = (SensorBundle(n, m.stamp_ns, m.log_time_ns, {TOPIC: m}) for n, m in enumerate(images))
+    return list(streams.without_blanks(found, on_drop=lambda _: None, on_bad=lambda _: None))
+
+
+@pytest.mark.parametrize(("every", "expected"), [(1, [[0], [1], [2], [3], [4], [5]]), (3, [[0], [1, 2, 3]])])
+def test_a_frame_has_the_packets_since_the_one_before(every: int, expected: list[list[int]]) -> None:
+    numbered = [m._replace(order=(0, n)) for n, m in enumerate(FILM[:6])]
+    found = [bundle.video[TOPIC] for bundle in bundled(numbered, every)]
+    assert found == [VideoPart("h264", tuple(PACKETS[n].data for n in numbers)) for numbers in expected]
+
+
+def test_it_has_none_from_before_a_key_frame() -> None:
+    *_, last = bundled([m._replace(order=(0, n)) for n, m in enumerate(FILM)], COUNT - 1)
+    assert last.video[TOPIC].packets == tuple(packet.data for packet in PACKETS[2 * GOP :])
+
+
+def test_packets_that_do_not_decode_alone_stay_out() -> None:
+    """After a loss there are none before the next key frame, and none at all where images come out of order."""
+    lost = [m._replace(order=(0, n)) for n, m in enumerate(FILM) if n != 1]
+    assert [TOPIC in bundle.video for bundle in bundled(lost)] == [True] + [False] * (GOP - 2) + [True] * (COUNT - GOP)
+    for options in ({"bf": "2", "b_adapt": "0", "tune": "psnr"}, {"intra_refresh": "1"}):
+        found = bundled([m._replace(order=(0, n)) for n, m in enumerate(foxglove(encode(IMAGES, gop=GOP, **options)))])
+        assert sum(TOPIC in bundle.video for bundle in found) == (0 if "bf" in options else COUNT)

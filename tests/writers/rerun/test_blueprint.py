@@ -24,21 +24,18 @@ def parts(node: rrb.Container | rrb.View) -> list[str]:
 
 
 VIEWS = ["Spatial3DView Scene", "Spatial3DView From above"]
-OBJECTS, SKEW = "TimeSeriesView Objects: all blue, confirmed green", "TimeSeriesView Sync skew (ms)"
-PLOTS = ["Tabs", OBJECTS, SKEW, "TextLogView Warnings"]
+CURVES = [f"TimeSeriesView {name}" for name in ("Speeds (m/s)", "Objects")]
+PLOTS = ["Tabs", *CURVES, "TextLogView Warnings", "TimeSeriesView Sync skew (ms)", "Spatial2DView Colours"]
 IMAGE = "Spatial2DView c0"
 
 
 @pytest.mark.parametrize(
     ("sizes_px", "expected"),
     [
-        ([], ["Tabs", "Horizontal", *VIEWS, "Vertical", *PLOTS]),
-        (
-            [(640, 480)],
-            ["Horizontal", "Vertical", *VIEWS, "Vertical", "Grid", IMAGE, "Vertical", OBJECTS, "Tabs", SKEW],
-        ),
-        ([(1242, 375)], ["Vertical", "Horizontal", "Grid", IMAGE, *PLOTS, "Horizontal", *VIEWS]),
-        ([(300, 600)], ["Horizontal", "Tabs", "Vertical", *VIEWS, "Vertical", *PLOTS, "Grid", IMAGE]),
+        ([], ["Tabs", "Horizontal", *VIEWS, "Vertical", "Horizontal", *PLOTS]),
+        ([(640, 480)], ["Horizontal", "Vertical", *VIEWS, "Vertical", "Grid", IMAGE, "Horizontal", *PLOTS]),
+        ([(1242, 375)], ["Vertical", "Horizontal", "Grid", IMAGE, "Vertical", *PLOTS, "Horizontal", *VIEWS]),
+        ([(300, 600)], ["Horizontal", "Tabs", "Vertical", *VIEWS, "Vertical", "Horizontal", *PLOTS, "Grid", IMAGE]),
     ],
 )
 def test_the_layout_follows_the_images(sizes_px: list[tuple[int, int]], expected: list[str]) -> None:

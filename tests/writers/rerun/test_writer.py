@@ -14,12 +14,12 @@ from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
 from lidcam.pipeline.core.detections import Source
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.frame import FrameResult, Missing
-from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.messages import Drop, RawMessage, VideoPart
 from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.true_boxes import TrueBoxes
 from lidcam.writers.base import ResultWriter
-from lidcam.writers.drawing import DrawnBoxes2D
+from lidcam.writers.drawing import DrawnBoxes2D, DrawnObjects, drawn_boxes_2d, object_edges, with_outlines
 from lidcam.writers.outputs.transaction import OutputTransaction
 from lidcam.writers.palette import MATCHED
 from lidcam.writers.provenance import Provenance
@@ -87,10 +87,10 @@ def test_rerun_reads_it(tmp_path: Path) -> None:
     cameras = {
         f"/world/cameras/{name}{leaf}"
         for name in ("left", "right")
-        for leaf in ("", "/image", "/boxes", "/boxes/labels", "/objects")
+        for leaf in ("", "/image", "/boxes", "/labels", "/objects")
     }
-    others = {"/world", "/world/cloud", "/world/ground", "/world/objects", "/world/objects/heading", "/world/faint"}
-    others |= {"/world/placed", "/world/placed/uncertainty", "/world/objects/faces"}
+    others = {"/world", "/world/cloud", "/world/ground", "/world/objects", "/world/headings", "/world/faint"}
+    others |= {"/world/placed", "/world/uncertainty"}
     others |= {"/world/labels", "/world/labels/lines", "/world/numbers", "/world/zones", "/world/zones/counts"}
     lidars = {"/world/lidars/lidar1", "/world/lidars/lidar2"}
     metrics = {"/metrics/objects", "/metrics/confirmed", "/metrics/skew_ms"}
@@ -113,10 +113,44 @@ def test_tracks_have_trails_and_those_that_are_predicted_a_path_of_their_own(tmp
     sources, tracks = [Source.BOTH, Source.PREDICTED, Source.PREDICTED], tracks_of([12, 7, 3], (0.0, 2.0))
     write(tmp_path / "out.rrd", [frame(index, sources=sources, tracks=tracks) for index in range(2)])
     text = printed(tmp_path, "-vvv")
-    assert {"/world/predicted", "/world/predicted/uncertainty", "/world/trails"} <= entities(text)
-    for told in ("car #12, 2.0 m/s", "pedestrian #7, 2.0 m/s (predicted)", "lidcam.Objects:track"):
+    assert {"/world/uncertainty", "/world/trails", "/world/tracks/12", "/world/tracks/7"} <= entities(text)
+    for told in ("car #12, 2.0 m/s", "pedestrian #7, 2.0 m/s (predicted)", "2.0 m/s, 7 km/h", "Scalars:scalars"):
         assert told in text
     assert rows_of(tmp_path, "/world/trails") == 1  # there is none in the first frame
+
+
+def test_a_track_that_ends_is_cleared_and_counts_in_the_properties(tmp_path: Path) -> None:
+    write(tmp_path / "out.rrd", [frame(0, tracks=tracks_of([12, 7, 3], (0.0, 2.0))), frame(1, objects=0)])
+    assert cleared(tmp_path) == {f"/world/tracks/{number}": 1 for number in (3, 7, 12)}
+    text = printed(tmp_path, "-vvv")
+    for told in ("1 car, 1 pedestrian, 1 ", "fastest_m_s", "road_users"):
+        assert told in text
+
+
+def test_recorded_video_is_logged_as_it_came(tmp_path: Path) -> None:
+    one, other, last = (frame(row) for row in range(3))
+    parts = VideoPart("h264", (b"first", b"second")), VideoPart("h264", (b"third",)), VideoPart("mjpeg", (b"none",))
+    frames = [
+        replace(result, bundle=replace(result.bundle, video={"/left/image": part}))
+        for result, part in zip((one, other, last), parts, strict=True)
+    ]
+    write(tmp_path / "out.rrd", frames)
+    text = printed(tmp_path)
+    found = re.findall(r"with (\d+) rows .* - /world/cameras/left/image - data columns: (.*)", text)
+    assert sum(int(rows) for rows, columns in found if "VideoStream:sample" in columns) == 3
+    assert sum(int(rows) for rows, columns in found if "EncodedImage:blob" in columns) == 1
+    assert cleared(tmp_path) == {"/world/cameras/left/image": 1}
+    assert "left: h264 video" in printed(tmp_path, "-vvv")
+
+
+def test_an_object_without_a_2d_box_is_labelled_in_the_image() -> None:
+    result = frame(0)
+    drawn = DrawnObjects.of(result, CONFIG.object_names)
+    edges = object_edges(result, ["left"])["left"]
+    boxes = drawn_boxes_2d(drawn, "left")
+    shown = with_outlines(boxes, drawn, edges)
+    alone = set(edges[1].tolist()) - set(boxes.objects)
+    assert len(shown.labels) == len(boxes.labels) + sum(bool(drawn.strong[row]) for row in alone) > len(boxes.labels)
 
 
 @pytest.mark.parametrize(
@@ -236,7 +270,7 @@ def test_the_image_of_a_slow_camera_stays_with_its_overlay(tmp_path: Path) -> No
 def test_that_of_a_silent_one_is_cleared_once(tmp_path: Path) -> None:
     silent = [without_left(frame(row), Missing.SILENT) for row in (1, 2, 3)]
     write(tmp_path / "out.rrd", [frame(0), *silent])
-    leaves = "image", "boxes", "boxes/labels", "objects"
+    leaves = "image", "boxes", "labels", "objects"
     assert cleared(tmp_path) == {f"/world/cameras/left/{leaf}": 1 for leaf in leaves}
 
 
@@ -279,7 +313,7 @@ def test_labels_never_cover_each_other_nor_leave_the_image() -> None:
     camera = RIG.cameras[0]
     xyxy = np.array([[0, 0, 30, 60], [5, 5, 36, 61], [300, 200, 420, 479], [300, 300, 310, 303]], np.float32)
     drawn = DrawnBoxes2D(xyxy, [MATCHED] * 4, ["truck 0.90", "car 0.80", "bus 0.70", "car 0.60"])
-    labels = labels_2d(drawn, camera)
+    labels = labels_2d(drawn, camera, 350.0)
     assert labels.labels is not None
     assert labels.labels.as_arrow_array().to_pylist() == ["bus 0.70", "truck 0.90"]
     assert labels.positions is not None

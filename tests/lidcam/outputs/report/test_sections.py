@@ -9,10 +9,10 @@ from evaluation_frames import frame_of, source_boxes
 from frames import CONFIG, RIG
 
 from lidcam.outputs.report import sections
-from lidcam.pipeline.evaluation.evaluation_frame import Motion, SourceBoxes
+from lidcam.pipeline.evaluation.evaluation_frame import FrameSync, Motion, SourceBoxes
 from lidcam.run.warning import RunWarning
 from lidcam.writers.report.collector import ReportCollector
-from lidcam.writers.report.page import PageTable, page
+from lidcam.writers.report.page import PageTable, page, prose
 
 HOSTILE = "<script>alert(1)</script>"
 WARNING = RunWarning("cam0", "silent throughout", "check its driver")
@@ -64,10 +64,23 @@ def test_ways_are_drawn_from_the_sensors_where_they_move_nobody_knows_where_to()
 
 def test_road_users_count_once() -> None:
     seen = seen_of(ONE, ONE, tracked((1.0, 2.0), (50.0, 50.0), numbers=[4, 9]))
-    assert sections.lead(seen, NAMES) == "2 road users in 0.2 s: 2 \u00d7 car."
-    ((name, number, *_, fastest),) = sections.counts(seen, NAMES).rows
+    assert sections.lead(seen, NAMES) == "2 road users in 0.2 s: 2 \u00d7 car. 2 moved."
+    ((name, number, moved, stood, *_, fastest),) = sections.counts(seen, NAMES).rows
     assert "car" in str(name)
-    assert (number, fastest) == (2, "4.2 m/s")
+    assert (number, moved, stood, fastest) == (2, 2, 0, "15.3 (4.2)")
+
+
+def test_the_busiest_moment_has_images_where_any_has() -> None:
+    seen, many, few = ReportCollector(CONFIG, RIG), tracked((1.0, 2.0), (9.0, 9.0), numbers=[4, 5]), ONE
+    for index, (source, topic) in enumerate([(many, "/lidar"), (few, "/left/image"), (few, "/left/image")]):
+        one = frame_of(index, None, {"fused": source})
+        seen.add_frame(replace(one, sync=FrameSync(10 + index, {topic: 0}, {})))
+    assert seen.busiest is not None
+    assert (seen.busiest.log_time_ns, len(seen.busiest.boxes)) == (11, 1)
+
+
+def test_backticks_are_code() -> None:
+    assert prose("try `lidcam <x>`") == "try <code>lidcam &lt;x&gt;</code>"
 
 
 def test_what_was_dropped_is_listed_faults_first() -> None:
@@ -98,10 +111,11 @@ def test_what_was_dropped_is_listed_faults_first() -> None:
 
 
 def test_recorded_names_are_no_html() -> None:
-    texts = "title result_name version lead rate against map_notes truth_note settings"
+    texts = "title result_name version lead rate against map_notes truth_note settings busiest_note film"
     lists = "headlines origin_notes truth_tables residual_tables dropped_tables origin_tables worst"
     table = PageTable([HOSTILE], [[HOSTILE]], title=HOSTILE, notes=[HOSTILE])
     content: dict[str, Any] = dict.fromkeys(texts.split(), HOSTILE) | {name: [table] for name in lists.split()}
+    content |= {"busiest": [(HOSTILE, HOSTILE)], "checksums": table}
     content |= {"headlines": [HOSTILE], "origin_notes": [HOSTILE], "worst": [(HOSTILE, [(HOSTILE, HOSTILE)])]}
     whole = page(
         {"map": {"data": [{"name": HOSTILE}], "layout": {}}},
