@@ -4,7 +4,7 @@ import glob
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TypeVar
 from unicodedata import category
 
@@ -38,6 +38,9 @@ TABLE_STEM = "_jobs"
 
 MAX_NAME_BYTES = 200
 """Maximum length of a name: files take 255 bytes, and what is written beside a result has a longer name."""
+
+INDEX = "index.html"
+"""Page of a batch, in the folder of the results."""
 
 OTHER_FOLDER = "expected another folder for the results: the next batch would take them for recordings"
 NONE_FOUND = f"expected recordings ({', '.join(ENDINGS)}) in it, found none"
@@ -221,8 +224,8 @@ def name_fault(name: str) -> str:
         found = "an empty one, '.' or '..'"
     elif any(letter == "\\" or category(letter) in {"Cc", "Cs"} for letter in name):
         found = "a backslash, a control character or bytes that are no UTF-8"
-    elif name == TABLE_STEM or any(re.match(r"\.(.*\.)?lidcam-", part) for part in parts):
-        found = f"what lidcam itself writes ({RECORDS}, {TABLE_STEM}, .NAME.lidcam-)"
+    elif name in {TABLE_STEM, PurePath(INDEX).stem} or any(re.match(r"\.(.*\.)?lidcam-", part) for part in parts):
+        found = f"what lidcam itself writes ({RECORDS}, {TABLE_STEM}, {INDEX}, .NAME.lidcam-)"
     elif max(len(part.encode()) for part in parts) > MAX_NAME_BYTES:
         found = f"one of more than {MAX_NAME_BYTES} bytes"
     else:

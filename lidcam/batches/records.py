@@ -56,6 +56,11 @@ class JobRecord:
     version: str = ""  # Version of lidcam
     reused: bool = False  # Whether the results of an earlier batch are up to date; never so in a file
 
+    @property
+    def shown_state(self) -> str:
+        """The state in words: `up to date` where nothing had to be done."""
+        return "up to date" if self.reused and self.state == "done" else self.state
+
     def is_current(self, key: str) -> bool:
         """Whether there were results, which are up to date if nobody has changed them."""
         return self.key == key and self.exit_code is not None and EXIT_CODES.get(self.state) == self.exit_code
@@ -106,6 +111,16 @@ def with_summary(record: JobRecord, summary: RunSummary) -> JobRecord:
         settings_sha256=summary.settings_sha256,
         version=version("lidcam"),
     )
+
+
+def totals_line(records: Sequence[JobRecord]) -> str:
+    """How the jobs ended, and what all results hold together."""
+    states, users = Counter(one.shown_state for one in records), Counter[str]()
+    for one in records:
+        users.update(one.road_users or {})
+    ended = ", ".join(f"{states[name]} {name}" for name in sorted(states))
+    found = f"; road users: {', '.join(f'{count} {name}' for name, count in sorted(users.items()))}" if users else ""
+    return f"{ended}; {sum(one.frames for one in records)} frames{found}"
 
 
 def job_key(job: BatchJob, facts: Sequence[object]) -> str:

@@ -1,5 +1,6 @@
 """A batch from its arguments to its table: what the command line and `lidcam.batch` do."""
 
+import logging
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -7,10 +8,11 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Literal, Unpack
 
-from lidcam.batches.jobs import BatchJob, find_jobs
+from lidcam.batches.index import index_of, keep_index
+from lidcam.batches.jobs import INDEX, BatchJob, find_jobs
 from lidcam.batches.local import LocalEngine, jobs_that_fit
 from lidcam.batches.ray import RayEngine
-from lidcam.batches.records import JobRecord
+from lidcam.batches.records import JobRecord, totals_line
 from lidcam.batches.result import BatchResult
 from lidcam.batches.run import MATCHES, BatchOptions, run_batch
 from lidcam.batches.store import Store
@@ -21,6 +23,8 @@ from lidcam.pipeline.parallel.cores import usable_cores
 from lidcam.readers.location import Location
 from lidcam.run.job import make_job
 from lidcam.run.options import SharedOptions
+
+logger = logging.getLogger(__name__)
 
 COMPILE = "import lidcam.processing"
 """Run once, before many processes begin, in a process of its own, so that this one stays small."""
@@ -84,4 +88,6 @@ def process_batch(
     with watch(found) as told:
         records = run_batch(found, BatchOptions(out, job, endings, fail_fast=fail_fast), runs, told)
     store.keep_table(records_table(records))
+    if not keep_index(index_of(records, totals_line(records), store), store):
+        logger.warning("%s/%s was not written by lidcam: it stays as it is", str(out).rstrip("/"), INDEX)
     return BatchResult(tuple(records), len(found), f"{str(out).rstrip('/')}/{TABLE}")

@@ -44,6 +44,22 @@ def test_a_batch_makes_what_single_runs_make(lidcam: Lidcam, logs: Path, tmp_pat
     assert (out / "day" / "drive.mcap").stat().st_mtime_ns == before
 
 
+def test_a_page_lists_them_with_images_and_links(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    (tmp_path / "a & b.bag").symlink_to(sandbox)
+    given = ("batch", tmp_path / "a & b.bag", "--out", out, "--duration", "0.3", "--report")
+    assert lidcam(*given).code == 0
+    page = (out / "index.html").read_text(encoding="utf-8")
+    assert "<td>a &amp; b</td>" in page
+    assert 'href="a%20%26%20b.html"' in page
+    assert 'href="a%20%26%20b.mcap"' in page
+    assert page.count("data:image/jpeg;base64,") == 1
+    (out / "index.html").write_text("somebody else's", encoding="utf-8")
+    again = lidcam(*given)
+    assert "index.html was not written by lidcam: it stays as it is" in again.err
+    assert (out / "index.html").read_text(encoding="utf-8") == "somebody else's"
+
+
 @pytest.mark.parametrize(
     ("arguments", "fault"),
     [

@@ -62,6 +62,30 @@ class PageTable:
 
 def page(figures: Mapping[str, Figure], **content: object) -> str:
     """The whole page: the template with its content, and the plots by name."""
+    return _rendered(
+        "page.html",
+        figures=figures,
+        figures_json=_json({name: {"views": [], **figure} for name, figure in figures.items()}),
+        palette=_json({theme: _colors(theme) for theme in _THEMES}),
+        plotly=Markup(_text("plotly-cartesian.min.js").replace("</script", "<\\/script")),
+        script=Markup(_text("page.js")),
+        **content,
+    )
+
+
+def index_page(rows: Sequence[Mapping[str, object]], totals: str) -> str:
+    """A page with a row for each of many results.
+
+    Args:
+        rows: `name`, `state`, `message`, `frames`, `users`, `dropped`, `links` (name and URL of each), and `thumbnail`,
+            the URL of an image or empty.
+        totals: A line about all of them.
+    """
+    return _rendered("index.html", title="lidcam: recordings", rows=rows, totals=totals)
+
+
+def _rendered(name: str, **content: object) -> str:
+    """A template of this folder with its content."""
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(
@@ -72,17 +96,8 @@ def page(figures: Mapping[str, Figure], **content: object) -> str:
         finalize=lambda value: visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value,
     )
     environment.filters["prose"] = prose
-    template = environment.from_string(_text("page.html"))
-    return template.render(
-        mark=Markup(PAGE),
-        style=Markup(_text("page.css") + _swatches()),
-        figures=figures,
-        figures_json=_json({name: {"views": [], **figure} for name, figure in figures.items()}),
-        palette=_json({theme: _colors(theme) for theme in _THEMES}),
-        plotly=Markup(_text("plotly-cartesian.min.js").replace("</script", "<\\/script")),
-        script=Markup(_text("page.js")),
-        **content,
-    )
+    style = Markup(_text("page.css") + _swatches())
+    return environment.from_string(_text(name)).render(mark=Markup(PAGE), style=style, **content)
 
 
 def class_name(class_id: int, name: str) -> Markup:

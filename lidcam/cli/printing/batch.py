@@ -1,13 +1,12 @@
 """Printing of `lidcam batch`: a progress bar and the table of recordings."""
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
 
 from lidcam.batches.jobs import BatchJob
-from lidcam.batches.records import JobRecord
+from lidcam.batches.records import JobRecord, totals_line
 from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.progress import show_share
 from lidcam.cli.printing.tables import ColumnsTable
@@ -45,21 +44,7 @@ def print_batch(out: Console, records: Sequence[JobRecord], *, everything: bool 
         users = "" if one.road_users is None else str(sum(one.road_users.values()))
         figures = (str(one.frames), users, str(one.dropped)) if one.state != "failed" else ("", "", "")
         message = one.message if len(one.message) <= MAX_MESSAGE else f"{one.message[:MAX_MESSAGE].rstrip()} ..."
-        table.add_row(one.name, _state(one), *figures, f"{one.wall_s:.1f}", f"{one.peak_mib:.0f}", message)
+        table.add_row(one.name, one.shown_state, *figures, f"{one.wall_s:.1f}", f"{one.peak_mib:.0f}", message)
     if shown:
         show_table(out, table)
-    show_line(out, _totals(records), "bold")
-
-
-def _state(record: JobRecord) -> str:
-    return "up to date" if record.reused and record.state == "done" else record.state
-
-
-def _totals(records: Sequence[JobRecord]) -> str:
-    """How the jobs ended, and what all results hold together."""
-    states, users = Counter(map(_state, records)), Counter[str]()
-    for one in records:
-        users.update(one.road_users or {})
-    ended = ", ".join(f"{states[name]} {name}" for name in sorted(states))
-    found = f"; road users: {', '.join(f'{count} {name}' for name, count in sorted(users.items()))}" if users else ""
-    return f"{ended}; {sum(one.frames for one in records)} frames{found}"
+    show_line(out, totals_line(records), "bold")
