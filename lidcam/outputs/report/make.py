@@ -38,7 +38,7 @@ FIRST_CELL_M = 0.02
 MAX_CELLS = 150_000
 """Cells of the background."""
 
-KINDS = {"false": "Reported, and not there", "missed": "There, and not reported"}
+KINDS = {"false": "Worst false detections", "missed": "Worst missed objects"}
 
 
 def make_page(path: Path, show: Progress = not_shown, *, film: str = "") -> str:
