@@ -123,10 +123,8 @@ def test_labels_of_tracks_are_number_and_speed() -> None:
     markers = through_cdr(marker_array(drawn_of(result))).markers
     assert [marker.text for marker in markers[2::2]] == drawn_of(result).labels
     texts = [text.text for text in annotations(result).texts]
-    assert texts == [
-        "car #12, 5.0 m/s",
-        "pedestrian 0.50",
-    ]  # the matched object's, and the detector's
+    # The matched object's, that of an object without a 2D box, and the detector's.
+    assert texts == ["car #12, 5.0 m/s", "pedestrian 0.90 (1 cam)", "pedestrian 0.50"]
 
 
 def test_a_predicted_object_is_thinner_and_fainter() -> None:
@@ -244,7 +242,8 @@ def test_a_matched_box_is_labelled_as_its_object_and_another_as_the_detector_s()
     objects = replace(result.fused.objects, class_ids=np.array([3, 1, 3], np.int32))  # the detector said car, 0.75
     texts = annotations(replace(result, fused=replace(result.fused, objects=objects))).texts
     found = [(text.text, rgb(text.text_color)) for text in texts]
-    assert found == [("truck 0.90", MATCHED), ("pedestrian 0.50", CAMERA_ONLY)]
+    alone = ("pedestrian 0.50 (1 cam)", class_color(1))  # an object without a 2D box
+    assert found == [("truck 0.90", MATCHED), alone, ("pedestrian 0.50", CAMERA_ONLY)]
 
 
 def test_a_box_whose_object_is_not_reported_is_the_camera_s_alone() -> None:
@@ -252,7 +251,7 @@ def test_a_box_whose_object_is_not_reported_is_the_camera_s_alone() -> None:
     rows = np.array([1, 2])
     fused = Fused(result.fused.objects.select(rows), result.fused.matched[rows], rows.astype(np.int64))
     drawn = annotations(replace(result, fused=fused))
-    assert [text.text for text in drawn.texts] == ["car 0.75", "pedestrian 0.50"]
+    assert [text.text for text in drawn.texts] == ["car 0.75", "pedestrian 0.50 (1 cam)", "pedestrian 0.50"]
     assert rgb(drawn.points[-2].outline_color) == CAMERA_ONLY
 
 
@@ -264,7 +263,7 @@ def test_letters_and_lines_grow_with_the_image(height_px: int) -> None:
     assert {text.font_size for text in drawn.texts} == {height_px / 24}
     assert all(text.position.y >= text.font_size for text in drawn.texts)
     assert {part.thickness for part in drawn.points} == {height_px / 300, height_px / 600}
-    assert len(drawn.texts) == (2 if height_px == 480 else 1)  # a box of 40 px is lower than letters of 90
+    assert len(drawn.texts) == (3 if height_px == 480 else 2)  # a box of 40 px is lower than letters of 90
 
 
 def test_objects_are_drawn_from_where_the_image_was_taken() -> None:

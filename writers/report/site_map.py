@@ -156,7 +156,7 @@ def _way(seen: ReportCollector) -> list[dict[str, Any]]:
         {
             "type": "scatter",
             "mode": "lines",
-            "name": "the sensors' own way",
+            "name": "path of the sensors",
             "x": rounded(line[:, 0]),
             "y": rounded(line[:, 1]),
             "line": {"color": "@ink", "width": 1.5, "dash": "dot"},

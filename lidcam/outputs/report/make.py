@@ -33,7 +33,7 @@ from lidcam.writers.report.values import Figure
 SHOWN_FACTS = "network.", "labels.", "boxes3d.", "detector"
 """Beginnings of the names of metadata that the page lists."""
 
-KINDS = {"false": "Reported, and not there", "missed": "There, and not reported"}
+KINDS = {"false": "Worst false detections", "missed": "Worst missed objects"}
 
 
 def write_page(result: Path, page_path: Path, *, overwrite: bool = False, show: Progress = not_shown) -> None:
@@ -68,9 +68,9 @@ def make_page(path: Path, show: Progress = not_shown, *, film: str = "") -> str:
         tree: Mapping[str, Any] = evaluation.figures.tree
         background = background_of(result, () if result.is_adrift else seen.log_times_ns)
         warnings = [*(RunWarning(**one) for one in summary.get("warnings", ())), *evaluation.warnings]
-        against = [f"Against the recorded truth, {line}" for line in headlines(tree)[:1]]
+        against = [f"Against the recorded ground truth, {line}" for line in headlines(tree)[:1]]
         if evaluation.truth is None:
-            against = ["No truth was recorded: how right the result is, nobody can tell from it alone."]
+            against = ["No ground truth was recorded, so accuracy cannot be measured."]
         truth_note = _truth_note(evaluation)
         return page(
             _figures(result, seen, measured, background),
@@ -157,22 +157,22 @@ def _figures(
 
 
 def _map_notes(result: Result, seen: ReportCollector, background: SparseGrid) -> Iterable[str]:
-    yield "Seen from above; a dot is where a track was last." if seen.is_tracked else "Seen from above."
+    yield "View from above; a dot marks the last position of a track." if seen.is_tracked else "View from above."
     if len(background):
         cell_cm = background.cell_m * 100
-        yield f"Grey: points of the lidars in up to {MAX_CLOUDS} clouds, in cells of {cell_cm:.3g} cm."
+        yield f"Grey: lidar points of up to {MAX_CLOUDS} clouds, in cells of {cell_cm:.3g} cm."
     elif result.is_adrift:
-        yield "The sensors moved, and where to is not in the result: ways are as seen from the sensors."
+        yield "The sensors moved, but the result does not hold their path: tracks are drawn relative to the sensors."
     else:
         yield "The result has no clouds (output.clouds), so there is no background."
     if seen.travelled_m:
-        yield f"The sensors moved by {seen.travelled_m:.0f} m; the map stands still, where that is recorded."
+        yield f"The sensors travelled {seen.travelled_m:.0f} m; the map is fixed to the ground."
     if seen.poses_known < seen.frames:
-        yield f"In {seen.frames - seen.poses_known} frames it is not recorded where the sensors were: not drawn."
+        yield f"{seen.frames - seen.poses_known} frames without a recorded pose are not drawn."
     if seen.courses.tolerance_m > 0.1:
-        yield f"Ways are simplified: corners are {seen.courses.tolerance_m:.2g} m apart."
+        yield f"Tracks are simplified to a point every {seen.courses.tolerance_m:.2g} m."
     if seen.courses.left_out:
-        yield f"The {seen.courses.left_out} shortest tracks are not drawn, because there are too many."
+        yield f"Too many tracks: the {seen.courses.left_out} shortest are not drawn."
 
 
 def _truth_note(evaluation: Evaluation) -> str:

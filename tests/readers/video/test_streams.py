@@ -180,6 +180,20 @@ def test_it_has_none_from_before_a_key_frame() -> None:
     assert last.video[TOPIC].packets == tuple(packet.data for packet in PACKETS[2 * GOP :])
 
 
+@pytest.mark.parametrize("kind", ["h265", "vp9", "av1", "vp8"])
+def test_other_codecs_have_packets_too(kind: str) -> None:
+    packets = encode(IMAGES, kind, gop=GOP)
+    found = bundled([m._replace(order=(0, n)) for n, m in enumerate(foxglove(packets, kind))])
+    assert [bundle.video[TOPIC].packets for bundle in found] == [(packet.data,) for packet in packets]
+
+
+def test_packets_that_wait_in_vain_do_not_pile_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidcam.readers.video.kept.MAX_KEPT_BYTES", len(PACKETS[0].data))
+    first, last = bundled([m._replace(order=(0, n)) for n, m in enumerate(FILM)], COUNT - 2)
+    assert not first.video
+    assert last.video[TOPIC].packets == tuple(packet.data for packet in PACKETS[2 * GOP : COUNT - 1])
+
+
 def test_packets_that_do_not_decode_alone_stay_out() -> None:
     """After a loss there are none before the next key frame, and none at all where images come out of order."""
     lost = [m._replace(order=(0, n)) for n, m in enumerate(FILM) if n != 1]
