@@ -20,12 +20,12 @@ THUMBNAIL_PX = 240
 """Width of the image of a recording, pixels."""
 
 HEAD_BYTES = 4 << 20
-"""Maximum size of the head of a report in which its first image is looked for."""
+"""Maximum size of the head of a report in which that image is looked for."""
 
 LINKS = {".html": "report", ".rrd": "Rerun", ".mcap": "MCAP", ".mp4": "film", ".parquet": "objects"}
 """Names of the links to results, by the ending of the file."""
 
-_IMAGE = re.compile(rb'src="data:image/jpeg;base64,([^"]+)"')
+_IMAGE = re.compile(rb'<div class="busiest">\s*<figure[^>]*><img src="data:image/jpeg;base64,([^"]+)"')
 
 
 def index_of(records: Sequence[JobRecord], totals: str, store: Store) -> bytes:
@@ -68,7 +68,7 @@ def _row(record: JobRecord, store: Store) -> dict[str, object]:
 
 
 def _thumbnail(report: str, store: Store) -> str:
-    """The first image of a report, small, as a data URI; empty if there is none at hand."""
+    """The image of the busiest moment in a report, small, as a data URI; empty without one at hand."""
     if not isinstance(store.files, LocalFiles):
         return ""
     with store.files.at(report).open("rb") as file:
