@@ -335,7 +335,7 @@ def _first_bytes(stream: BinaryIO) -> bytes:
 
 
 def _other_kind(magic: bytes) -> str:
-    """What a file is that is taken for a recording, and what to do; empty if its first bytes do not say."""
+    """The kind of a file that is no recording, and what to do; empty if its first bytes do not say."""
     if magic[8:12] == OSF_MARK:
         return (
             "an Ouster recording (OSF); save it as a .pcap with `ouster-cli source FILE.osf save FILE.pcap`, and read "

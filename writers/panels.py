@@ -23,7 +23,7 @@ PERSPECTIVE_SHARE, SIDE_BY_SIDE = 0.58, 1.5
 
 
 OBJECTS_TITLE, SKEW_TITLE = "Objects: all blue, confirmed green", "Sync skew (ms)"
-"""Of the plots, in place of legends, which cover the curves or take the room of them."""
+"""Plot titles; they replace legends, which hide the curves."""
 
 
 class Panels(NamedTuple):

@@ -1,4 +1,4 @@
-"""What the scripts share that write pages of the documents: the installed program, tables, parts of a page."""
+"""Shared parts of the scripts that write pages of the documents: the installed program, tables, parts of a page."""
 
 import struct
 import subprocess

@@ -27,7 +27,7 @@ MIN_LATE_SHARE = 0.1
 def sync_warnings(
     clocks: Clocks, stats: SyncStats, missing: Sequence[MissingSensor], drops: Sequence[DropCount], source: RunInput
 ) -> Iterator[RunWarning]:
-    """What the stamps of the sensors say, in a run as in an inspection: jumps, silence, and why sensors are missing."""
+    """Findings in the stamps of sensors, in a run as in an inspection: jumps, silence, reasons for absence."""
     yield from jump_warnings(clocks.jumps, start_ns=source.recording.start_ns)
     yield from silence_warnings(missing)
     counts = {(drop.topic, drop.reason): drop.count for drop in drops}

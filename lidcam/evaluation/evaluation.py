@@ -107,7 +107,7 @@ class Truth:
         return {"from": [self.source], "inputs": files, "labelled": self.labelled or None}
 
     def __str__(self) -> str:
-        """Where it was taken from, and where alone it is labelled."""
+        """Its source, and the only part in which it is labelled."""
         part = f", labelled only {self.labelled} (evaluate.region=everywhere counts all)" if self.labelled else ""
         return f"{self.source}{part}"
 

@@ -14,8 +14,10 @@ from lidcam.readers.natural_order import natural_key
 T = TypeVar("T")
 
 PART_BYTES = 16 << 20
+"""Size of the parts in which a large file is sent."""
+
 PARTS_AT_ONCE = 4
-"""Of a large file, which is sent in parts: 64 MiB of it are in memory."""
+"""Number of parts in memory."""
 
 MARK = {"lidcam": "result"}
 """Metadata of each object that lidcam puts; others are not replaced unasked."""

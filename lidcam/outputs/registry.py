@@ -109,7 +109,7 @@ OUTPUTS = [
         folder_of="images",
     ),
 ]
-"""What a run writes or shows."""
+"""Outputs and views of a run."""
 
 DatasetFormat = Literal["kitti", "kitti-tracking", "nuscenes", "coco", "yolo"]
 
@@ -145,6 +145,6 @@ def shown_outputs(job: "Job") -> list[Output]:
 
 
 def loaded(name: str) -> Any:
-    """What a row names as `module:name`."""
+    """The object that a row names as `module:name`."""
     module, _, attribute = name.partition(":")
     return getattr(import_module(module), attribute)

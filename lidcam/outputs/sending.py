@@ -14,7 +14,7 @@ from lidcam.run.summary import RunSummary
 
 @dataclass(frozen=True, slots=True)
 class Sending:
-    """Where the outputs of a run are written."""
+    """Places of the outputs of a run."""
 
     local: tuple[Path, ...]  # The local path of each, in their order
     remote: tuple[tuple[Path, Bucket], ...] = ()  # The folder of an output, and where all that is in it is put

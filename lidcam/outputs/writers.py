@@ -25,7 +25,7 @@ from lidcam.writers.tables.writer import CsvObjectsWriter, ParquetObjectsWriter
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """What a writer is made of."""
+    """Parts of a writer."""
 
     job: Job  # The run
     source: RunInput  # The open recording, its rig and settings
@@ -67,7 +67,7 @@ def _rerun(opening: Opening, output: OutputFile | None) -> ResultWriter:
 
 
 def drawn_scenes(source: RunInput) -> Scenes:
-    """What gathers, over the frames of a run, what their images show."""
+    """A collector of the content of images over the frames of a run."""
     return Scenes(source.rig, source.config, partial(decode_any_image, limits=source.config.limits))
 
 
@@ -107,7 +107,7 @@ def open_parquet(opening: Opening) -> ResultWriter:
 
 
 def open_pace(opening: Opening) -> ResultWriter:
-    """What holds the run back for those who watch."""
+    """The writer that holds the run back for those who watch."""
     assert opening.job.pace is not None
     return Pace(opening.job.pace)
 

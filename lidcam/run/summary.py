@@ -141,7 +141,7 @@ class CameraCorrection:
 
     @classmethod
     def of(cls, fit: CameraFit) -> Self:
-        """That of a fit."""
+        """The correction of a fit."""
         values = np.array(fit.corrected)
         turned = np.degrees([float(np.linalg.norm(values[:3])), fit.direction_sigma_rad])
         late = 1e3 * np.array([values[6], fit.delay_sigma_s])

@@ -27,7 +27,7 @@ MIN_LEVEL = 0.5
 
 
 class LabelledPart(NamedTuple):
-    """Where truth is labelled."""
+    """The part in which truth is labelled."""
 
     camera: str  # Name of the camera that sees it
     region: list[list[float]]  # Corners x, y of its view from above, metres in the site frame

@@ -20,10 +20,10 @@ from lidcam.pipeline.detectors.protocols import Candidates2D, Detector2D
 from lidcam.pipeline.detectors.riders import PERSON, RIDDEN, finds_riders_apart, join_riders
 
 NMS_IOU = 0.45
-"""Of two boxes of one class whose IoU exceeds this, the one with the lower score is removed."""
+"""Maximum IoU of two boxes of one class; beyond it, the one with the lower score is removed."""
 
 NMS_IOU_ANY = 0.6
-"""The same of two boxes of different classes: networks see some cars as trucks, too."""
+"""Maximum IoU of two boxes of different classes: networks see some cars as trucks, too."""
 
 
 class Detect2D:

@@ -38,7 +38,10 @@ WEAK_NOISE = 30.0
 """Factor of the variances of a box that the frame by itself does not report: it may be another thing's, or turned."""
 
 JUMP_SIGMA = 0.03
-"""As in `online`; smaller, since the size of a track is settled."""
+"""Standard deviation that the completion of boxes adds to their positions, as a share of the class length.
+
+Smaller than in `online`, since the size of a track is settled.
+"""
 
 MIN_LANE_TRAVEL = 3.0
 """Minimum travel, in motion scales, before a track defines a lane; less may be a wrong assignment."""

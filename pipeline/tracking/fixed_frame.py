@@ -28,7 +28,7 @@ class SightingsOf:
     """The sightings of frames, which come in order."""
 
     def __init__(self, rig: Rig, class_count: int, *, lidars_show_front: bool = True) -> None:
-        """Of a rig and its classes; whether the lidars' boxes tell front from rear, as those of clusters do not."""
+        """Make one for a rig and its classes; the lidars' boxes may not tell front from rear, as those of clusters."""
         self._site_frame, self._class_count = rig.site_frame, class_count
         self._lidars_show_front = lidars_show_front
         self._lidars = np.array([lidar.T_site_lidar.matrix[:2, 3] for lidar in rig.lidars]).reshape(-1, 2)

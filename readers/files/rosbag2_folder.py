@@ -77,7 +77,7 @@ def recording_files(folder: Path) -> tuple[Path, ...]:
 
 
 def _hint(folder: Path) -> str:
-    """What a folder without recordings is, and what to do."""
+    """The kind of a folder without recordings, and what to do."""
     names = {one.name for level in ("*", "*/*") for one in islice(folder.glob(level), MAX_LOOKED_AT)}
     if names & KITTI_RAW:
         return "found a drive of KITTI's raw data: `kitti2mcap` (pip install kitti2mcap) makes an .mcap of it"

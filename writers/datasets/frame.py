@@ -1,4 +1,4 @@
-"""What a data set is made of: scenes of frames with a cloud, images and boxes; and what writes one."""
+"""Parts of a data set: scenes of frames with a cloud, images and boxes; and the interface of its writers."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -36,7 +36,7 @@ class DatasetBoxes(CheckedTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DatasetScene:
-    """What the frames of one result have in common."""
+    """The common part of the frames of one result."""
 
     name: str  # Of the result, without ending
     origin: str  # Text that no other result has, for identifiers

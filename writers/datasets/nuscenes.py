@@ -44,7 +44,7 @@ TABLES = (
 
 LIDAR = "LIDAR_TOP"
 MOST_BOXES = 500
-"""Of a sample in a submission."""
+"""Maximum number of boxes of a sample in a submission."""
 
 Row = dict[str, Any]
 
@@ -291,7 +291,7 @@ def _pose(T_dst_src: F64) -> Row:
 
 
 def _placed(boxes: DatasetBoxes, T_fixed_site: F64) -> list[Row]:
-    """Where each box is in the fixed frame; sizes are width, length, height."""
+    """Boxes in the fixed frame; sizes are width, length, height."""
     placed = []
     for center, size, yaw in zip(boxes.centers, boxes.sizes, boxes.yaws, strict=True):
         pose = np.eye(4)

@@ -22,7 +22,7 @@ _PLATE_OPACITY = 0.62
 _WEIGHT = 500
 _STROKES = cv2.FONT_HERSHEY_SIMPLEX
 _BITS = 4
-"""Of a fraction of a pixel: OpenCV draws at fixed-point places."""
+"""Bits of the fraction of a pixel: OpenCV draws at fixed-point places."""
 
 _REACH_PX = 1e6
 """Places farther away are drawn at this distance: OpenCV's numbers end somewhere."""

@@ -1,4 +1,4 @@
-"""What the images of a run show: its cameras side by side, the site from above, and a clock."""
+"""Images of a run: its cameras side by side, the site from above, and a clock."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -104,7 +104,7 @@ def _around(pieces: F32) -> F64:
 
 
 SIZE_PX = (1920, 1080)
-"""Of an image of all cameras."""
+"""Width and height of an image of all cameras, pixels."""
 
 BAR_PX, GAP_PX = 40, 4
 MAX_IMAGES_SHARE = 0.6
@@ -122,7 +122,7 @@ Drawn = tuple[U8, tuple[Drop, ...]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """What the images of a frame show."""
+    """The content of the images of a frame."""
 
     frame: FrameResult  # The frame
     trails: list[F64]  # Of each of its objects (K, 3)

@@ -1,1 +1,1 @@
-"""What shows a run while it goes on."""
+"""Views of a run while it goes on."""

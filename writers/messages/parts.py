@@ -48,7 +48,7 @@ def places_as_poses(places: F64) -> list[Any]:
 
 
 def split(items: Sequence[Any], counts: Array | Iterable[int]) -> list[list[Any]]:
-    """The items in lists of so many."""
+    """The items in lists of a given length."""
     left = iter(items)
     return [list(islice(left, count)) for count in (counts.tolist() if isinstance(counts, np.ndarray) else counts)]
 

@@ -126,7 +126,7 @@ def zone_entities(survey: SceneSurvey, objects: Boxes3D) -> list[Any]:
 
 
 def _of_tracks(tracks: Tracks | None) -> dict[str, list[str]]:
-    """What the tracks say of the objects, to be read in the viewer; empty texts of objects without one."""
+    """Texts of the tracks of objects for the viewer; empty for objects without one."""
     if tracks is None:
         return {}
     columns = {

@@ -8,7 +8,7 @@ from lidcam.pipeline.evaluation.detection.plots import DetectionPlots
 from lidcam.writers.report.values import Figure, nice, per, rounded
 
 MAX_CELLS = 40
-"""Of a side of the map of errors."""
+"""Maximum number of cells along a side of the map of errors."""
 
 
 def curves_figure(plots: DetectionPlots, class_names: Sequence[str]) -> Figure:
@@ -43,7 +43,7 @@ def curves_figure(plots: DetectionPlots, class_names: Sequence[str]) -> Figure:
 
 
 def error_map(plots: DetectionPlots) -> Figure | None:
-    """Where true objects are placed wrongly, and where they are missed; None without any."""
+    """A map of true objects that are placed wrongly or missed; None without any."""
     places = plots.places
     if not len(places.errors_m):
         return None

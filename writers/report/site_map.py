@@ -15,7 +15,7 @@ from lidcam.writers.report.grid import SparseGrid
 from lidcam.writers.report.values import KM_H, Figure, nice, rounded
 
 MAX_PIXELS = 1400
-"""Of the longer side of the background."""
+"""Pixels along the longer side of the background."""
 
 SPEED_STEPS = 6
 

@@ -18,10 +18,10 @@ from lidcam.pipeline.core.errors import OutputError
 
 PIPE_BYTES = 1 << 20
 TICK_S = 1.0
-"""A signal waits no longer than so."""
+"""Maximum time that a signal waits, seconds."""
 
 STALL_S = 600.0
-"""Rerun is given up when its data are not in the file for so long."""
+"""Time after which Rerun is given up if its data are not in the file, seconds."""
 
 
 class RerunStream:

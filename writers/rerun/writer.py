@@ -166,7 +166,7 @@ class RerunResultWriter(ResultWriter):
         return tuple(drops)
 
     def _log_warnings(self) -> None:
-        """What the run warns of, which is known at its end, at the time of its first frame."""
+        """The warnings of the run, known at its end, logged at the time of its first frame."""
         if self._first is None:
             return
         self._set_time(*self._first)

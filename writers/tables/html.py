@@ -1,4 +1,4 @@
-"""What is printed on a console as text, and as HTML for notebooks."""
+"""Console output as text, and as HTML for notebooks."""
 
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -35,7 +35,7 @@ def scrolling_table(head: str, names: Sequence[str], rows: Iterable[Sequence[str
 
 
 def recorded_html(out: "Console") -> str:
-    """What was printed on a console that records, as HTML; in the colours of the page, light or dark."""
+    """The output of a recording console as HTML, in the colours of the page, light or dark."""
     style = "line-height: normal; overflow-x: auto; font-family: monospace"
     return out.export_html(inline_styles=True, code_format=f'<pre style="{style}">{{code}}</pre>')
 

@@ -1,4 +1,4 @@
-"""What the processes of a simulation are asked for, and what they answer."""
+"""Requests to the processes of a simulation, and their answers."""
 
 from typing import NamedTuple
 

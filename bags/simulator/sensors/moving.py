@@ -119,7 +119,7 @@ class _View:
 
     @cached_property
     def parts(self) -> list[PlacedPart]:
-        """Its parts at that time."""
+        """The parts at that time."""
         return self._scene.placed_parts(self.row, self._time_ns)
 
     @cached_property

@@ -78,7 +78,7 @@ def projected_box(model: CameraModel, to_camera: Poses, parts: tuple[Part, ...],
 
 
 def _ahead(part: Part, vertices: F64) -> F64:
-    """Its vertices (V, 3), in the optical frame, before the camera, and the cuts through its edges."""
+    """The vertices (V, 3), in the optical frame, before the camera, and the cuts through its edges."""
     ahead = vertices[:, 2] >= NEAR_M
     if ahead.all():
         return vertices

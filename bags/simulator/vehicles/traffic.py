@@ -61,7 +61,7 @@ class _Vehicle:
             self.commands.append(command)
 
     def next_state(self, seconds: float) -> State:
-        """Its next state if nothing blocks it."""
+        """The next state if nothing blocks the road user."""
         if self.chassis is not None:
             return self.chassis.step(self.state, self.asked, seconds)
         if self.follower is not None:

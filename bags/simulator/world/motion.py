@@ -170,7 +170,7 @@ class Mover:
     body: UprightBox | None  # ground truth box, without mirrors; None for people: the smallest one at each moment
 
     def body_at(self, time_ns: int) -> UprightBox:
-        """Its ground truth box at a time."""
+        """The ground-truth box at a time."""
         if self.body is not None:
             return self.body
         to_base = self.path.poses(np.array([time_ns], np.int64)).inverse()

@@ -164,7 +164,7 @@ class Site:
 
 
 def first_state(vehicle: VehicleScenario, routes: dict[str, Route]) -> State:
-    """Where a road user is when a recording begins, at its cruising speed."""
+    """The place of a road user when a recording begins, at its cruising speed."""
     x, y, yaw_deg = vehicle.start
     if not vehicle.route:
         return State(x, y, math.radians(yaw_deg), walked_m=vehicle.walked_m)

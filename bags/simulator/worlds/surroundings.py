@@ -1,4 +1,4 @@
-"""What stands beside roads: what is of a car's or a person's size without being one, and what closes the view."""
+"""Things beside roads: some of the size of a car or a person, others that close the view."""
 
 import math
 from functools import partial

@@ -27,7 +27,7 @@ EMPTY = Replaceable(lambda path: not any(path.iterdir()), "exists and is not emp
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What was exported."""
+    """Counts of an export."""
 
     frames: int  # Number of frames in the data set
     images: int  # Number of images in it

@@ -23,7 +23,7 @@ FUSED = SOURCE_TOPICS["fused"]
 
 @dataclass(frozen=True, slots=True)
 class ExportOptions:
-    """What is exported."""
+    """The content of an export."""
 
     confirmed: bool = False  # Whether only objects that a camera confirms are
     every: int = 1  # Step between exported frames
@@ -66,7 +66,7 @@ class ResultFrames:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know of the result."""
+        """Notes on the result for the user."""
         of_truth = () if self._truth.source is None else (f"truth: {self._truth.source.description}",)
         shown = {*self.images.values()}
         missing = [camera.name for camera in self._result.rig.cameras if camera not in shown]

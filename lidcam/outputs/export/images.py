@@ -57,7 +57,7 @@ class ResultImages(ResultFrames):
         return self._result.config.class_names
 
     def frames(self) -> Iterator[LabelledFrame]:
-        """The frames, every so many."""
+        """Every Nth frame."""
         for found, messages in self.frames_and_messages([*self.images]):
             shown = [(messages[topic], camera) for topic, camera in self.images.items() if topic in messages]
             images = (self._image(found, message, camera) for message, camera in shown)

@@ -77,7 +77,7 @@ class ResultScene(ResultFrames):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know of the result."""
+        """Notes on the result for the user."""
         name = self._result.path.name
         adrift = f"{name}: the sensors move, and the result does not say where to: nuScenes's poses stand still"
         return (
@@ -86,7 +86,7 @@ class ResultScene(ResultFrames):
         )
 
     def frames(self) -> Iterator[DatasetFrame]:
-        """The frames, every so many."""
+        """Every Nth frame."""
         for found, messages in self.frames_and_messages([CLOUD, GROUND, *self.images]):
             yield self._frame(found, messages)
 

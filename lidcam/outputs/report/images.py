@@ -26,7 +26,7 @@ from lidcam.writers.report.collector import Moment
 CLOUD_TOPIC, ANNOTATIONS = "/point_cloud_combined", "foxglove_msgs/msg/ImageAnnotations"
 
 MISTAKE_COLORS = {"false": (60, 60, 255), "missed": (0, 215, 255)}
-"""Of the boxes, blue green red: what was reported and is not there, what is there and was not reported."""
+"""Colours (blue, green, red) of false and of missed boxes."""
 
 TILE_PX = 288, 216
 MARGIN = 0.6

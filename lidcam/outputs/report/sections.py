@@ -33,7 +33,7 @@ def code(text: str) -> Markup:
 
 
 def lead(seen: ReportCollector, class_names: Sequence[str]) -> str:
-    """What was seen, in a line."""
+    """A line about what was seen."""
     minutes = seen.seconds / 60
     duration = f"{minutes:.1f} min" if minutes < 120 else f"{minutes / 60:.1f} h"
     duration = f"{seen.seconds:.1f} s" if minutes < 2 else duration
@@ -127,7 +127,7 @@ def movements(users: RoadUserTable, class_names: Sequence[str]) -> PageTable:
 
 
 def dropped(summary: Mapping[str, Any]) -> list[PageTable]:
-    """What of the recording was not used, and why; messages at fault first."""
+    """Parts of the recording that were not used, with the reasons; messages at fault first."""
     drops = [
         [one["topic"], f"{one['count']} {one['unit']}", _reason(one)]
         for one in sorted(summary.get("drops", ()), key=lambda one: (not one["is_defect"], one["topic"]))
@@ -180,7 +180,7 @@ def _silences(spans: Sequence[Mapping[str, Any]]) -> str:
 def origin(
     seen: ReportCollector, summary: Mapping[str, Any], metadata: Mapping[str, str], topics: Mapping[str, str]
 ) -> list[PageTable]:
-    """What was recorded and used: files, sensors with their calibration, where boxes and motion come from."""
+    """Files, sensors with their calibration, and the sources of boxes and motion."""
     files: list[list[object]] = []
     while (name := metadata.get(f"input.{len(files)}.name", metadata.get(f"input.{len(files)}.url"))) is not None:
         size = metadata.get(f"input.{len(files)}.size")

@@ -244,7 +244,7 @@ def cdr_type(types: Typestore, msgtype: str) -> CdrType:
 
 
 def _held(types: Typestore, kind: Any) -> tuple[str | CdrType, int]:
-    """What a field holds, and its length, for `CdrType`."""
+    """Content and length of a field, for `CdrType`."""
     node, detail = kind
     if node == Nodetype.ARRAY:
         return _held(types, detail[0])[0], detail[1]

@@ -91,7 +91,7 @@ def spread(covariances: F64, jacobians: F64) -> F64:
 
 
 def before_matching(boxes: BoxBelief, seen_rows: I64) -> Others:
-    """As `agreed_with_others`, without any match."""
+    """The result of `agreed_with_others` without any match."""
     log_classes = _log_given(boxes.log_classes, boxes.confusion)
     return Others(np.zeros((len(seen_rows), 3)), boxes.covariances[seen_rows], log_classes[seen_rows])
 
