@@ -64,6 +64,7 @@ class Config(SettingsModel):
         "associate": "now constants of pipeline/core/association.py",
         "fuse.min_score_unconfirmed": "fuse.min_score is a probability, with cameras and without",
         "fuse.heading_sigma_deg": _constant(5.0),
+        "evaluate.distances": "scaled by the length of the class; for nuScenes's own figures, export",
         "fuse.size_sigma": _constant(0.15),
         "fuse.corner_rounding": _constant(0.25),
         "fuse.underside": _constant(0.06),
