@@ -8,12 +8,9 @@ from typing import TYPE_CHECKING
 import yaml
 
 from lidcam.bags.simulator.recorder.files import (
-    RecordingFormat,
     WriteMessage,
-    format_of,
     recording_file,
     recording_names,
-    recording_outputs,
     ros_version_of,
 )
 from lidcam.bags.simulator.recorder.recorded import Recorded
@@ -24,6 +21,7 @@ from lidcam.bags.simulator.worlds.errors import with_errors
 from lidcam.cli.printing.log import remark_log
 from lidcam.outputs.allowed import SIMULATED, TEXT, check_no_input, check_replaced
 from lidcam.readers.rig.rig_file import rig_yaml
+from lidcam.writers.outputs.transaction import OutputTransaction
 
 if TYPE_CHECKING:
     from lidcam.bags.simulator.recorder.simulation import Simulation
@@ -73,15 +71,13 @@ class Recorder:
 
     def log_files(self, output: Path, now_ns: int) -> None:
         """Log what was written."""
-        files = [output] if output.is_file() else sorted(output.iterdir())
-        size_mib = sum(file.stat().st_size for file in files) / 2**20
+        size_mib = output.stat().st_size / 2**20
         remark_log.info("wrote %s: %d messages, %.1f s, %.1f MiB", output, self.messages, now_ns * 1e-9, size_mib)
 
 
 @contextlib.contextmanager
 def recording_to(
     output: Path,
-    format_: RecordingFormat | None,
     scenario: Scenario,
     *,
     read: str,
@@ -92,8 +88,7 @@ def recording_to(
     """A simulation and the file that it is recorded to.
 
     Args:
-        output: The recording.
-        format_: Its format; None: by the ending of its name.
+        output: The recording; the ending of its name says its format.
         scenario: The scenario.
         read: The name that it was read from; the output must not replace that file.
         overwrite: Overwrite files that are not simulated recordings.
@@ -103,16 +98,16 @@ def recording_to(
     Raises:
         OutputError: the file cannot be written.
     """
-    format = format_of(output, format_)
-    check_no_input(recording_names(output, format), [Path(read)])
+    version, files = ros_version_of(output), recording_names(output)
+    check_no_input(files, [Path(read)])
     check_old = check_replaced(lambda path: TEXT if path.suffix == ".yaml" else SIMULATED, overwrite=overwrite)
     text = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
     with (
-        recording_outputs(output, format, check_old=check_old) as outputs,
-        simulating(scenario, ros_version=ros_version_of(format), workers=workers, driven=driven) as simulation,
+        OutputTransaction(files, check_old=check_old) as outputs,
+        simulating(scenario, ros_version=version, workers=workers, driven=driven) as simulation,
     ):
         from lidcam.bags.simulator.recorder.true_rig import true_rig  # OpenCV, which a simulation has loaded by now
 
         rig = rig_yaml(true_rig(scenario))
-        with recording_file(outputs, output, format, rig_yaml=rig, scenario_yaml=text) as write:
+        with recording_file(outputs, output, rig_yaml=rig, scenario_yaml=text) as write:
             yield simulation, Recorder(write, scenario.start_ns)

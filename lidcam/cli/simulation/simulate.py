@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from lidcam.cli.options import Format, Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
+from lidcam.cli.options import Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
 from lidcam.pipeline.core.errors import LidcamError
 
 RANDOM = "random"
@@ -18,7 +18,6 @@ Examples:
   lidcam simulate sandbox out.bag --duration 10
   lidcam simulate --show sandbox > my.yaml
   lidcam simulate crossing out.mcap --seed 7
-  lidcam simulate my.yaml bag_folder --format sqlite3
   lidcam simulate random out.mcap --family road --seed 7
   lidcam simulate crossing out.mcap --errors
   lidcam simulate sandbox out.bag --set lidars.velodyne1.clock_offset_ms=20
@@ -37,7 +36,6 @@ def _show(name: str | None) -> None:
 def simulate(
     scenario: Scenario,
     output: RecordingOut,
-    format_: Format = None,
     duration_s: Annotated[
         float | None,
         typer.Option(
@@ -75,7 +73,7 @@ def simulate(
         family = family or "road"
     found = scenario_of(scenario, settings or (), duration_s=duration_s, seed=seed, family=family, errors=errors)
     with (
-        recording_to(output, format_, found, read=scenario, overwrite=overwrite, workers=workers) as opened,
+        recording_to(output, found, read=scenario, overwrite=overwrite, workers=workers) as opened,
         show_progress(found.duration_s) as advance,
     ):
         simulation, recorder = opened
