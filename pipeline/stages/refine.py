@@ -39,8 +39,6 @@ class Refine:
             boxes2d: By camera name.
             views: By name, the cameras at the times of their images.
         """
-        if not self._config.refine:
-            return hypotheses
         edges = measured_edges(hypotheses, boxes2d, views, self._config)
         boxes, edges, turned_of = with_turned(hypotheses.boxes, edges)
         outline = rounded_outline(boxes.sizes[edges.rows], bent=edges.cameras.lenses.bends)

@@ -47,6 +47,7 @@ class Config(SettingsModel):
     """
 
     GONE: ClassVar[Mapping[str, str]] = {
+        "velodyne.topics": "velodyne.model and velodyne.calibration hold for all lidars",
         "topics.last_resort": "now a constant: /point_cloud_combined and /ground_cloud",
         "sync.age_penalty": _constant(0.1),
         "combine.motion.max_extrapolation_s": _constant(0.2),
@@ -65,6 +66,8 @@ class Config(SettingsModel):
         "fuse.min_score_unconfirmed": "fuse.min_score is a probability, with cameras and without",
         "fuse.heading_sigma_deg": _constant(5.0),
         "evaluate.distances": "scaled by the length of the class; for nuScenes's own figures, export",
+        "fuse.camera_recall": "learned for each camera and size while the run goes on",
+        "fuse.refine": "boxes are always fitted to the 2D boxes that are matched with them",
         "fuse.size_sigma": _constant(0.15),
         "fuse.corner_rounding": _constant(0.25),
         "fuse.underside": _constant(0.06),

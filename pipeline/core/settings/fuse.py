@@ -11,15 +11,11 @@ class FuseConfig(SettingsModel):
     Attributes:
         min_score: Objects that are less probable are not reported. The probability is that of an object of this class
             at this place, from what all sensors say and do not say; it means the same in every recording.
-        camera_recall: Share of large objects in plain view that the 2D detector finds; how much it speaks against an
-            object that a camera should see it and says nothing. null: learned while the run goes on, for each camera
-            and size.
         unknown: Whether what the lidars see well, and what is probably of no class, is reported as an object of class
             `unknown`: cargo on the road, animals, but also bushes, poles and walls up to the size of a bus. Its score
             grows with its points. `/lidar_camera_fused` and `lidcam evaluate` leave such objects out.
         calibration: `auto` corrects direction and clock of each camera by the recording itself, from boxes of lidars
             and 2D boxes in frames spread over it; `recorded` takes both as they were recorded.
-        refine: Fit the boxes to the 2D boxes that are matched with them. Off, they stay as the lidars gave them.
         pixel_sigma_px: Standard deviation of the edges of 2D boxes that match, pixels. The smaller it is, the more the
             cameras decide.
         outline_sigma: Standard deviation that is added to it, as a share of the size of the 2D box (the root of its
@@ -29,10 +25,8 @@ class FuseConfig(SettingsModel):
     """
 
     min_score: Share = 0.5
-    camera_recall: Share | None = None
     unknown: bool = False
     calibration: Literal["auto", "recorded"] = "auto"
-    refine: bool = True
     pixel_sigma_px: Positive = 1.5
     outline_sigma: NotNegative = 0.04
     lidar_sigma_scale: Positive = 1.0

@@ -249,7 +249,6 @@ def test_what_is_not_matched_stays() -> None:
     same = replace(hypotheses, matches=alone)
     assert fitted(rig, same, seen) is same.boxes
     assert fitted(rig, hypotheses, {}) is hypotheses.boxes
-    assert fitted(rig, hypotheses, seen, refine=False) is hypotheses.boxes
 
 
 def test_sources_and_what_is_not_refined() -> None:
