@@ -7,11 +7,18 @@ from typing import TypeVar
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Figure, Figures
 from lidcam.pipeline.evaluation.scales import range_edges_m, range_names, range_rows
-from lidcam.pipeline.evaluation.tracking.clear import ClearCounts, clear_figures, count_clear, match_clear
+from lidcam.pipeline.evaluation.tracking.clear import (
+    ClearCounts,
+    IdentityCounts,
+    clear_figures,
+    count_clear,
+    count_identity,
+    identity_figures,
+    match_clear,
+)
 from lidcam.pipeline.evaluation.tracking.collect import Collection
 from lidcam.pipeline.evaluation.tracking.courses import course_figures, follow, total_courses
 from lidcam.pipeline.evaluation.tracking.hota import HotaCounts, count_hota, hota_figures, similarity_of_distance
-from lidcam.pipeline.evaluation.tracking.identity import IdentityCounts, count_identity, identity_figures
 from lidcam.pipeline.evaluation.tracking.table import TrackTable
 
 Counts = TypeVar("Counts", ClearCounts, HotaCounts, IdentityCounts)
