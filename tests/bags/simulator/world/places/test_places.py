@@ -18,13 +18,6 @@ def without_ground(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices, mesh.triangles[kept], mesh.materials[kept], mesh.palette)
 
 
-def rays_from(
-    origin: tuple[float, float, float], directions: np.ndarray[tuple[int, int], np.dtype[np.float64]]
-) -> Rays:
-    n = len(directions)
-    return Rays(np.tile(np.array(origin), (n, 1)), directions, np.zeros(n, np.int64))
-
-
 @pytest.mark.parametrize("world", WORLDS)
 def test_worlds_are_built_of_closed_bodies_on_a_ground(world: World) -> None:
     mesh = static_mesh(world)
