@@ -62,6 +62,7 @@ class Config(SettingsModel):
         "detect3d.recorded.yaw_sigma_deg": _constant(10.0),
         "detect2d.nms_iou": _constant(0.45),
         "detect2d.nms_iou_any": _constant(0.6),
+        "detect2d.threads": _constant(1),
         "associate": "now constants of pipeline/core/association.py",
         "fuse.min_score_unconfirmed": "fuse.min_score is a probability, with cameras and without",
         "fuse.heading_sigma_deg": _constant(5.0),

@@ -70,7 +70,7 @@ def python(value: object) -> str:
 
 def load(content: bytes, path: Path) -> KitNetwork:
     path.write_bytes(content)
-    return KitNetwork(path, OnnxSession(path, threads=1, provider="cpu"))
+    return KitNetwork(path, OnnxSession(path))
 
 
 @pytest.mark.parametrize("name", CONFIGS)
