@@ -172,7 +172,7 @@ class Comparison:
         return {"frames": 100 * alone / max(alone + self._frames["frames"], 1)} | found
 
     def figures(self) -> dict[str, Any]:
-        """Figures by source and camera and class; the differences, and the largest of each kind."""
+        """Figures by source and camera and class, with the largest amounts; and the differences."""
         tallies = {kind: {one.name: one.tally.figures() for one in some} for kind, some in self._channels.items()}
         return {**self._frames, **tallies, "differences": self._listing.figures(self._start_ns or 0)}
 
