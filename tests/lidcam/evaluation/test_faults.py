@@ -30,7 +30,7 @@ ROUNDING = 1e-4
 
 RANKED = {"ap_bev", "ap_3d", "aos_bev", "distance.ap", "distance.map", "distance.score"}
 SCORES = {"calibration.ece", "calibration.brier", "calibration.reliability"}
-FOUND = {*RANKED, *SCORES, "found", "f1", "best_f1"}
+FOUND = {*RANKED, *SCORES, "found", "f1"}
 
 
 def tracks(*names: str) -> set[str]:
@@ -45,7 +45,7 @@ def by_both(*names: str) -> set[str]:
 TABLE = {
     "a match is lost": {
         *FOUND,
-        *("right", "missed", "recall", "best_f1_recall", "labels", "points"),
+        *("right", "missed", "recall", "labels", "points"),
         *by_both("hota", "ass_a", "ass_re", "det_a", "det_re"),
         *tracks("mota", "idf1", "idr", "recall", "misses", "fragmentations", "track_frames_mean"),
     },
@@ -61,7 +61,7 @@ TABLE = {
     },
     "an object is doubled": {
         *FOUND,
-        *("false", "false_per_frame", "precision", "best_f1_precision"),
+        *("false", "false_per_frame", "precision"),
         *by_both("hota", "det_a", "det_pr"),
         *tracks("mota", "idf1", "idp", "precision", "false_positives", "found_tracks"),
         *tracks("track_frames_mean", "track_s_mean"),
