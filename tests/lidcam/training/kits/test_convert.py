@@ -34,7 +34,6 @@ from lidcam.training.kits.model import Data
 
 SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 NOTHING = Data(None, None)
-INT32 = 6
 
 
 def points() -> F64:
