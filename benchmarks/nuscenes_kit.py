@@ -1,14 +1,11 @@
-"""nuScenes's own figures of an exported data set, beside those of `lidcam evaluate`.
+"""nuScenes's own figures of an exported data set.
 
     lidcam export out.mcap --format nuscenes --out set
-    lidcam evaluate out.mcap --json-file figures.json --set evaluate.distances=nuscenes \
-        --set evaluate.min_image_pixels=1000000
     python -m venv devkit && devkit/bin/pip install nuscenes-devkit==1.2.0
-    devkit/bin/python nuscenes_kit.py set figures.json
+    devkit/bin/python nuscenes_kit.py set
 
 The devkit asks for libraries that do not go together with those of lidcam, so it has an environment of its own. It
-knows the scenes of nuScenes alone: it is given those of the set's `splits.json`. The second setting makes lidcam ignore
-what has no lidar point, as the devkit does.
+knows the scenes of nuScenes alone: it is given those of the set's `splits.json`.
 """
 
 import json
@@ -47,16 +44,9 @@ def _name(limit_m: float) -> str:
 
 
 def main() -> None:
-    """Print both, and the largest difference."""
-    folder, figures = Path(sys.argv[1]), json.loads(Path(sys.argv[2]).read_text())
-    fused, largest = figures["sources"]["fused"], 0.0
-    for name, theirs in kit_figures(folder).items():
-        ours = fused.get(name, {}).get("nuscenes", {})
-        for figure, value in theirs.items():
-            if ours.get(figure) is not None:
-                largest = max(largest, abs(ours[figure] - value))
-                print(f"{name:12} {figure:8} kit {value:8.4f}  lidcam {ours[figure]:8.4f}")
-    print(f"largest difference {largest:.2g}")
+    """Print them."""
+    for name, figures in kit_figures(Path(sys.argv[1])).items():
+        print(name, *(f"{figure} {value:.4f}" for figure, value in figures.items()))
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ import velodyne_decoder as vd
 from lidcam.bags.simulator.recorder.messages import MessageFactory
 from lidcam.bags.simulator.sensors.beams import VelodyneSensor
 from lidcam.pipeline.core.messages import Channel, RawMessage
-from lidcam.pipeline.core.settings.recording import VelodyneLidarConfig
+from lidcam.pipeline.core.settings.recording import VelodyneConfig
 from lidcam.readers.open import open_recording
 from lidcam.readers.velodyne.decoder import VelodyneDecoder
 from lidcam.readers.velodyne.scan import SCAN, parse_velodyne_scan
@@ -70,7 +70,7 @@ def main() -> None:
         found = parse_velodyne_scan(message)
         stamped = zip(found.stamps_ns, found.payload, strict=True)
         packets = vd.PacketVector([vd.VelodynePacket(at / 1e9, data.tolist()) for at, data in stamped])
-        decode = VelodyneDecoder(VelodyneLidarConfig())
+        decode = VelodyneDecoder(VelodyneConfig())
         judge = vd.ScanDecoder(vd.Config(min_range=0.0, max_range=300.0))
         steps = partial(decode, message), partial(judge.decode, packets, as_pcl_structs=True)
         rounds = [[milliseconds(step) for step in steps] for _ in range(options.rounds)]

@@ -458,7 +458,6 @@ def simulate(
     scenario: str,
     output: FilePath,
     *,
-    format: Literal["ros1", "sqlite3", "mcap"] | None = None,
     duration_s: float | None = None,
     seed: int | None = None,
     family: Literal["sandbox", "crossing", "road"] | None = None,
@@ -471,8 +470,7 @@ def simulate(
 
     Args:
         scenario: sandbox, crossing, vehicle, random, or a YAML file.
-        output: The recording: .bag, .mcap, or a folder (sqlite3).
-        format: Its format. Default: by the ending of its name.
+        output: The recording: .bag (ROS 1) or .mcap (ROS 2).
         duration_s: Seconds to record. Default: the scenario's.
         seed: Seed of the noise, and of a random scenario. Default: the scenario's.
         family: Family of worlds that `random` draws from. Default: road.
@@ -493,7 +491,6 @@ def simulate(
     simulate_recording(
         scenario,
         Path(output),
-        format=format,
         duration_s=duration_s,
         seed=seed,
         family=family,

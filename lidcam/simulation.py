@@ -9,12 +9,9 @@ from typing import TYPE_CHECKING, Literal
 import yaml
 
 from lidcam.bags.simulator.recorder.files import (
-    RecordingFormat,
     WriteMessage,
-    format_of,
     recording_file,
     recording_names,
-    recording_outputs,
     ros_version_of,
 )
 from lidcam.bags.simulator.recorder.recorded import Recorded
@@ -26,6 +23,7 @@ from lidcam.evaluation.evaluate import Progress, not_shown
 from lidcam.outputs.allowed import SIMULATED, TEXT, check_no_input, check_replaced
 from lidcam.pipeline.core.errors import ConfigError, LidcamError
 from lidcam.readers.rig.rig_file import rig_yaml
+from lidcam.writers.outputs.transaction import OutputTransaction
 
 if TYPE_CHECKING:
     from lidcam.bags.simulator.recorder.simulation import Simulation
@@ -53,7 +51,6 @@ def simulate_recording(
     scenario: str,
     output: Path,
     *,
-    format: RecordingFormat | None = None,
     duration_s: float | None = None,
     seed: int | None = None,
     family: Literal["sandbox", "crossing", "road"] | None = None,
@@ -79,7 +76,7 @@ def simulate_recording(
         family = family or "road"
     found = scenario_of(scenario, settings, duration_s=duration_s, seed=seed, family=family, errors=errors)
     with (
-        recording_to(output, format, found, read=scenario, overwrite=overwrite, workers=workers) as opened,
+        recording_to(output, found, read=scenario, overwrite=overwrite, workers=workers) as opened,
         show(found.duration_s) as advance,
     ):
         simulation, recorder = opened
@@ -134,7 +131,6 @@ class Recorder:
 @contextlib.contextmanager
 def recording_to(
     output: Path,
-    format_: RecordingFormat | None,
     scenario: Scenario,
     *,
     read: str,
@@ -145,8 +141,7 @@ def recording_to(
     """A simulation and the file that it is recorded to.
 
     Args:
-        output: The recording.
-        format_: Its format; None: by the ending of its name.
+        output: The recording; the ending of its name says its format.
         scenario: The scenario.
         read: The name that it was read from; the output must not replace that file.
         overwrite: Overwrite files that are not simulated recordings.
@@ -156,16 +151,16 @@ def recording_to(
     Raises:
         OutputError: the file cannot be written.
     """
-    format = format_of(output, format_)
-    check_no_input(recording_names(output, format), [Path(read)])
+    version, files = ros_version_of(output), recording_names(output)
+    check_no_input(files, [Path(read)])
     check_old = check_replaced(lambda path: TEXT if path.suffix == ".yaml" else SIMULATED, overwrite=overwrite)
     text = yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
     with (
-        recording_outputs(output, format, check_old=check_old) as outputs,
-        simulating(scenario, ros_version=ros_version_of(format), workers=workers, driven=driven) as simulation,
+        OutputTransaction(files, check_old=check_old) as outputs,
+        simulating(scenario, ros_version=version, workers=workers, driven=driven) as simulation,
     ):
         from lidcam.bags.simulator.recorder.true_rig import true_rig  # OpenCV, which a simulation has loaded by now
 
         rig = rig_yaml(true_rig(scenario))
-        with recording_file(outputs, output, format, rig_yaml=rig, scenario_yaml=text) as write:
+        with recording_file(outputs, output, rig_yaml=rig, scenario_yaml=text) as write:
             yield simulation, Recorder(write, scenario.start_ns)

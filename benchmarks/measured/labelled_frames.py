@@ -1,10 +1,8 @@
 """Labelled real frames of one lidar and one camera, and each of them as a recording of its own.
 
-Known are folders of KITTI's object benchmark (`velodyne`, `image_2`, `calib`, `label_2` side by side), and folders of
-one frame with `info_from_pkl.json`, as mmdetection3d keeps them in its demo data.
+Known are folders of KITTI's object benchmark: `velodyne`, `image_2`, `calib`, `label_2` side by side.
 """
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,8 +61,7 @@ def labelled_frames(folder: Path) -> Iterator[LabelledFrame]:
     Raises:
         RecordingError: labels cannot be read.
     """
-    for path in sorted([*folder.rglob("label_2/*.txt"), *folder.rglob("info_from_pkl.json")]):
-        yield from _of_benchmark(path) if path.suffix == ".txt" else _of_information(path)
+    yield from map(_of_benchmark, sorted(folder.rglob("label_2/*.txt")))
 
 
 def write_recording(frame: LabelledFrame, path: Path) -> None:
@@ -84,7 +81,7 @@ def write_recording(frame: LabelledFrame, path: Path) -> None:
             file.add_message(channel, STAMP_NS, make.serialize(message))
 
 
-def _of_benchmark(labels: Path) -> Iterator[LabelledFrame]:
+def _of_benchmark(labels: Path) -> LabelledFrame:
     root, name = labels.parent.parent, labels.stem
     place = root / "calib" / labels.name
     calibration = kitti_calibration(place.read_text(), place)
@@ -92,28 +89,7 @@ def _of_benchmark(labels: Path) -> Iterator[LabelledFrame]:
         raise ValueError(f"{place}: expected a calibration of KITTI")
     found = parse_kitti_labels(labels.read_text(), labels).labels
     cloud, image = root / "velodyne" / f"{name}.bin", root / "image_2" / f"{name}.png"
-    yield _frame(cloud, image, calibration.projections[LEFT_COLOUR_CAMERA], calibration.T_rect_velo, found)
-
-
-def _of_information(path: Path) -> Iterator[LabelledFrame]:
-    for scene in json.loads(path.read_text())["data_list"]:
-        camera, folder = scene["images"]["CAM2"], path.parent
-        names = {number: name for name, number in _CATEGORIES.items()}
-        found = []
-        for one in scene["instances"]:
-            x, y, z, length, height, width, rotation_y = one["bbox_3d"]
-            label = names.get(one["bbox_label_3d"], "DontCare")
-            size_m, bottom_m = (length, width, height), (x, y, z)
-            found.append(
-                KittiLabel(label, one["truncated"], one["occluded"], tuple(one["bbox"]), size_m, bottom_m, rotation_y)
-            )
-        image = folder / Path(camera["img_path"]).name
-        cloud = folder / Path(scene["lidar_points"]["lidar_path"]).name
-        yield _frame(cloud, image, np.array(camera["cam2img"])[:3], np.array(camera["lidar2cam"]), tuple(found))
-
-
-_CATEGORIES = {"Pedestrian": 0, "Cyclist": 1, "Car": 2, "Van": 3, "Truck": 4, "Person_sitting": 5, "Tram": 6, "Misc": 7}
-"""Numbers of mmdetection3d's KittiDataset."""
+    return _frame(cloud, image, calibration.projections[LEFT_COLOUR_CAMERA], calibration.T_rect_velo, found)
 
 
 def _frame(

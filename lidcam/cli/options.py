@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path, PurePath
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 
@@ -195,11 +195,7 @@ Scenario = Annotated[
     str,
     typer.Argument(metavar="SCENARIO", help="Name of a scenario, or a YAML file.", autocompletion=_scenarios),
 ]
-RecordingOut = Annotated[Path, typer.Argument(metavar="OUT", help="OUT.bag, OUT.mcap, or a folder (sqlite3).")]
-Format = Annotated[
-    Literal["ros1", "sqlite3", "mcap"] | None,
-    typer.Option("--format", help="Format of the recording. Default: by the ending of its name."),
-]
+RecordingOut = Annotated[Path, typer.Argument(metavar="OUT", help="OUT.bag (ROS 1) or OUT.mcap (ROS 2).")]
 Verbose = Annotated[
     bool,
     typer.Option("--verbose", "-v", help="Print all tables, and log every frame to stderr.", rich_help_panel=SCREEN),

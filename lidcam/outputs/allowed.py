@@ -16,7 +16,6 @@ from mcap.reader import SeekingReader
 from rosbags.rosbag1 import Reader
 
 from lidcam.pipeline.core.errors import OutputError
-from lidcam.pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
 from lidcam.readers.location import Location
 from lidcam.writers.outputs import marks
 from lidcam.writers.outputs.errors import output_errors
@@ -128,16 +127,12 @@ def is_own_film(path: Path) -> bool:
 
 
 def _is_simulated(path: Path) -> bool:
-    """Whether a file or folder is a recording of the simulator that nobody has added something to."""
+    """Whether a file is a recording of the simulator."""
     if is_marked_mcap(path, marks.SIMULATED):
         return True
+    if not path.is_file():
+        return False
     try:
-        if path.is_dir():
-            facts = parse_yaml(_head(path / "metadata.yaml", MAX_YAML_BYTES + 1))["rosbag2_bagfile_information"]
-            names = {"metadata.yaml", *facts["relative_file_paths"]}
-            return facts["custom_data"] == marks.FOLDER_DATA and names == {file.name for file in path.iterdir()}
-        if not path.is_file():
-            return False
         with Reader(path) as reader:
             return {getattr(one.ext, "callerid", None) for one in reader.connections} == {marks.BAG_CALLER}
     except Exception:  # whatever the libraries raise: it is not as lidcam left it

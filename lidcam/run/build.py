@@ -84,7 +84,6 @@ def build_graph(
     visibility = graph.add_stage("visibility", look, hypotheses, boxes2d, views, combined)
     believe = Believe(
         rig,
-        config.fuse,
         config.classes,
         config.combine.motion,
         scores_are_probabilities=tells_class,

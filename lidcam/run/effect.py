@@ -18,8 +18,11 @@ EVALUATING = ("evaluate", "classes", "combine", "limit_scale")
 COMPARING = ("compare",)
 """The section that a comparison reads."""
 
-NAMED = ("detect2d", "model"), ("detect2d", "names"), ("detect3d", "model"), ("detect3d", "weights")
-"""Settings that name files of detectors."""
+NAMED = (
+    *(("detect2d", "model"), ("detect2d", "names"), ("detect3d", "model"), ("detect3d", "weights")),
+    ("velodyne", "calibration"),
+)
+"""Settings that name files."""
 
 
 def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
@@ -40,13 +43,12 @@ def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
 
 def named_files(config: Config) -> dict[str, Path]:
     """The existing files that settings name or may choose, by their names in the metadata of a result."""
-    lidars = {"velodyne": config.velodyne, **{f"velodyne.{key}": one for key, one in config.velodyne.topics.items()}}
     model, detect3d = config.detect2d.model, config.detect3d
     model = fetched_network() if model == "auto" else model
     model_3d = detect3d.model if detect3d.method in {"auto", "pillars", "combined"} else None
     named = {"network": model and network_path(model), "network.names": config.detect2d.names}
     named |= {"detect3d.model": model_3d and network_file(model_3d), "detect3d.weights": config.detect3d.weights}
-    named |= {f"{key}.calibration": one.calibration for key, one in lidars.items()}
+    named["velodyne.calibration"] = config.velodyne.calibration
     # Path.is_file raises where one may not enter; whoever reads the file says so.
     return {key: Path(name) for key, name in named.items() if name and isfile(name)}  # noqa: PTH113
 
@@ -54,11 +56,8 @@ def named_files(config: Config) -> dict[str, Path]:
 def lasting_settings(config: Config) -> str:
     """All settings that affect a result, as YAML: not those of running and comparing, nor folders of files."""
     tree = config.model_dump() | {"run": {}, "compare": {}}
-    velodyne = tree["velodyne"]
-    calibrated = [(section, "calibration") for section in (velodyne, *velodyne["topics"].values())]
-    detectors = [(tree[section], key) for section, key in NAMED]
-    for section, key in detectors + calibrated:
-        section[key] = section[key] and visible(Path(section[key]).name)
+    for section, key in NAMED:
+        tree[section][key] = tree[section][key] and visible(Path(tree[section][key]).name)
     return dump_config(Config.model_validate(tree))
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from onnx import ModelProto, NodeProto, TensorProto, helper, numpy_helper
+from onnx import NodeProto, TensorProto, helper, numpy_helper
 
 from lidcam.pipeline.core.arrays import Array
 
@@ -18,9 +18,7 @@ Value = tuple[str, int, Sequence[int | str]]
 class Graph:
     """Nodes in the order in which they run, and their constants."""
 
-    def __init__(self, prefix: str = "") -> None:
-        """Start an empty graph; the prefix of all names keeps them apart from those of a file it is appended to."""
-        self._prefix = prefix
+    def __init__(self) -> None:
         self._nodes: list[NodeProto] = []
         self._constants: list[TensorProto] = []
 
@@ -33,7 +31,7 @@ class Graph:
             name: Name of the output; empty: make one. The second output of TopK has this name and `.second`.
             attributes: Attributes of the node.
         """
-        name = name or f"{self._prefix}{op}{len(self._nodes)}"
+        name = name or f"{op}{len(self._nodes)}"
         names = []
         for row, value in enumerate(inputs):
             if not isinstance(value, str):
@@ -47,16 +45,9 @@ class Graph:
 
     def file(self, inputs: Sequence[Value], outputs: Sequence[Value], metadata: Mapping[str, str]) -> bytes:
         """Content of a file with this graph; the same graph gives the same bytes."""
-        graph = helper.make_graph([], "lidcam", [helper.make_tensor_value_info(*one) for one in inputs], [])
+        ins, outs = ([helper.make_tensor_value_info(*one) for one in values] for values in (inputs, outputs))
+        graph = helper.make_graph(self._nodes, "lidcam", ins, outs, self._constants)
         model = helper.make_model(graph, ir_version=IR_VERSION, opset_imports=[helper.make_opsetid("", OPSET)])
-        return self.file_behind(model, outputs, metadata)
-
-    def file_behind(self, model: ModelProto, outputs: Sequence[Value], metadata: Mapping[str, str]) -> bytes:
-        """Content of a file with the nodes of a model followed by these, which alone give its outputs."""
-        del model.graph.output[:]
-        model.graph.node.extend(self._nodes)
-        model.graph.initializer.extend(self._constants)
-        model.graph.output.extend(helper.make_tensor_value_info(*one) for one in outputs)
         for key, text in metadata.items():
             model.metadata_props.add(key=key, value=text)
         return bytes(model.SerializeToString(deterministic=True))

@@ -1,4 +1,4 @@
-"""Distances, ranges and turns by which results are judged: scaled to the objects' length, or those of nuScenes."""
+"""Distances, ranges and turns by which results are judged: scaled to the objects' length."""
 
 from itertools import pairwise
 
@@ -10,20 +10,6 @@ from lidcam.pipeline.core.settings.config import Config
 
 REFERENCE_LENGTH_M = 4.0
 """Length of the car for which the distances of nuScenes were chosen."""
-
-NUSCENES_RANGES_M = {
-    "car": 50.0,
-    "truck": 50.0,
-    "bus": 50.0,
-    "trailer": 50.0,
-    "construction_vehicle": 50.0,
-    "pedestrian": 40.0,
-    "motorcycle": 40.0,
-    "bicycle": 40.0,
-    "traffic_cone": 30.0,
-    "barrier": 30.0,
-}
-"""The classes of nuScenes, and how far from the vehicle each is evaluated (its `detection_cvpr_2019`)."""
 
 DEFAULT_RANGES_M = (0.0, 10.0, 20.0, 40.0, 80.0)
 
@@ -37,15 +23,8 @@ def is_flip(turns_rad: npt.NDArray[np.floating]) -> Bools:
 
 
 def length_scales(config: Config) -> F64:
-    """(C,) factors of nuScenes's distances: a class's length over 4 m, or 1 where they are unscaled."""
-    if config.evaluate.distances == "nuscenes":
-        return np.ones(len(config.classes))
+    """(C,) factors of nuScenes's distances: a class's length over 4 m."""
     return np.array([prior.size_m[0] for prior in config.classes]) / REFERENCE_LENGTH_M
-
-
-def nuscenes_ranges_m(config: Config) -> F64:
-    """(C,) metres below which nuScenes evaluates each class; 0 for a class that it does not have."""
-    return np.array([NUSCENES_RANGES_M.get(name, 0.0) for name in config.class_names])
 
 
 def range_edges_m(config: Config) -> F64:

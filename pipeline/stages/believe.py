@@ -17,7 +17,6 @@ from lidcam.pipeline.core.frame import SensorBundle, own_motion
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.combine import MotionConfig
-from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.fusion.belief.memory import Memory, RecallCounts
 from lidcam.pipeline.fusion.belief.odds import (
     FITTED,
@@ -42,7 +41,6 @@ class Believe:
     def __init__(
         self,
         rig: Rig,
-        config: FuseConfig,
         classes: Sequence[ClassPrior],
         motion: MotionConfig,
         *,
@@ -54,7 +52,7 @@ class Believe:
         self._are_upright = np.array([prior.is_upright for prior in classes])
         self._radii_m = match_radii_m(classes)
         self._cameras = [camera.name for camera in rig.cameras]
-        self._recall = RecallCounts(self._cameras, config.camera_recall)
+        self._recall = RecallCounts(self._cameras)
         self._memory, self._last_ns = Memory(classes), 0
         self._site_frame, self._motion = rig.site_frame, motion
 

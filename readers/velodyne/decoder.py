@@ -24,7 +24,7 @@ from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import CalibrationError, ConfigError, MessageError
 from lidcam.pipeline.core.messages import Drop, RawMessage
 from lidcam.pipeline.core.settings.bounded_yaml import read_yaml
-from lidcam.pipeline.core.settings.recording import VelodyneConfig, VelodyneLidarConfig
+from lidcam.pipeline.core.settings.recording import VelodyneConfig
 from lidcam.pipeline.core.settings.validation import checked
 from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.point_time import MAX_OFFSET_NS
@@ -117,7 +117,7 @@ class VelodyneDecoders:
     def __getitem__(self, topic: str) -> "VelodyneDecoder":
         """The decoder of a topic; raises as `VelodyneDecoder` does."""
         if topic not in self._decoders:
-            self._decoders[topic] = VelodyneDecoder(self._config.topics.get(topic, self._config))
+            self._decoders[topic] = VelodyneDecoder(self._config)
         return self._decoders[topic]
 
 
@@ -129,7 +129,7 @@ class VelodyneDecoder:
         CalibrationError: the calibration file does not fit the configured model.
     """
 
-    def __init__(self, settings: VelodyneLidarConfig) -> None:
+    def __init__(self, settings: VelodyneConfig) -> None:
         self._calibration = settings.calibration
         self._model = None if settings.model == "auto" else MODELS[settings.model]
         self._beams: dict[tuple[VelodyneModel, Layout], Beams] = {}

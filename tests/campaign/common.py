@@ -24,10 +24,7 @@ from random import Random
 from types import FrameType
 
 ROOT = Path(__file__).resolve().parents[2]
-SEARCHED = [os.environ.get("CAMPAIGN_ROOT", str(ROOT)), str(ROOT / "tests" / "support"), str(ROOT / "tests" / "fuzz")]
-"""`CAMPAIGN_ROOT` names another tree of lidcam to try, for instance an older one."""
-
-sys.path[:0] = [path for path in SEARCHED if path not in sys.path]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "support")]
 LIDCAM = (sys.executable, "-P", "-m", "lidcam")
 """The program, for `run_child`, which sees to it that the sources tried are these."""
 
@@ -173,7 +170,6 @@ def run_child(
     command: Sequence[str | Path],
     *,
     timeout_s: float = 60.0,
-    cwd: Path | None = None,
     env: Mapping[str, str] | None = None,
     during: Callable[[subprocess.Popen[bytes]], None] | None = None,
 ) -> Child:
@@ -184,13 +180,12 @@ def run_child(
     """
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         started_s = time.monotonic()
-        environment = os.environ | {"PYTHONPATH": SEARCHED[0]} | dict(env or {})
+        environment = os.environ | {"PYTHONPATH": str(ROOT)} | dict(env or {})
         process = subprocess.Popen(
             [*map(str, command)],
             stdin=subprocess.DEVNULL,
             stdout=out,
             stderr=err,
-            cwd=cwd,
             env=environment,
             start_new_session=True,
         )

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
-NAMES = ("bounds", "containers", "long_run", "onnx_models", "signals", "stamps")
+NAMES = ("containers", "long_run", "signals", "stamps")
 
 
 def main() -> int:

@@ -38,4 +38,4 @@ def believe_of(rig: Rig, config: Config = CONFIG) -> Believe:
     """Belief in a rig."""
     is_calibrated = config.detect3d.scores_are_probabilities
     motion = config.combine.motion
-    return Believe(rig, config.fuse, config.classes, motion, scores_are_probabilities=is_calibrated)
+    return Believe(rig, config.classes, motion, scores_are_probabilities=is_calibrated)

@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from lidcam.bags.simulator.world.mesh import Material, Mesh, box, merged, polygon
 from lidcam.bags.simulator.world.motion import FixedPath, Mover, Part, Path, Poses, UprightBox, upright_poses
-from lidcam.bags.simulator.world.rays import Rays
 from lidcam.bags.simulator.world.scene import Scene
 from lidcam.pipeline.core.arrays import F64, I64
 from lidcam.pipeline.core.geometry.transform import Transform
@@ -68,12 +67,3 @@ def box_mover(
 def scene(meshes: Sequence[Mesh] = (), movers: Sequence[Mover] = ()) -> Scene:
     """What stands still and what moves."""
     return Scene(merged(*meshes), movers)
-
-
-def random_rays(count: int, *, seed: int = 0, reach_m: float = 8.0, span_ns: int = 100_000_000) -> Rays:
-    """Rays from anywhere in a cube to anywhere near its middle, in order of time."""
-    random = np.random.default_rng(seed)
-    origins = random.uniform(-reach_m, reach_m, (count, 3))
-    directions = random.uniform(-2, 2, (count, 3)) - origins
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return Rays(origins, directions, np.sort(random.integers(0, span_ns, count)))

@@ -36,9 +36,6 @@ PAGE = '<meta name="generator" content="lidcam">'
 BAG_CALLER = "/lidcam_simulator"
 """The node that publishes all topics of a simulated ROS 1 bag."""
 
-FOLDER_DATA = {"lidcam": "simulated"}
-"""Custom data of a simulated ROS 2 bag folder."""
-
 _YAML = "# Written by lidcam, which replaces it as long as it is unchanged (sha256 {digest}).\n"
 _JSON = '{{\n  "lidcam": "sha256 {digest}",\n'
 _MARKS = [

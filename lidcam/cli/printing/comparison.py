@@ -70,14 +70,6 @@ def _print_differences(out: Console, differences: Mapping[str, Any], lines: int)
     columns = ("in", "class", "difference", "frames", "from s", "to s", "at")
     show_table(out, rows_table(title, columns, rows, ("class", "difference", "at")))
     out.print()
-    rows = []
-    for kind, one in differences["largest"].items():
-        amount = _amount(kind, one["amount"], is_image="camera" in one)
-        rows.append((kind, amount, _channel(one), one["class"], one["frame"], f"{one['s']:.3f}", _place(one["place"])))
-    if rows:
-        columns = ("kind", "by", "in", "class", "frame", "s", "at")
-        show_table(out, rows_table("the largest of each kind", columns, rows, ("in", "class", "at")))
-        out.print()
 
 
 def _what(one: Mapping[str, Any]) -> str:

@@ -132,7 +132,7 @@ def truth_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
     sources: Tree = tree["sources"]
     if tree["frames_with_truth"] and sources:
         shown = {source: _with_shown_ap(classes) for source, classes in sources.items()}
-        yield _source_table("detection", shown, _detection_columns(sources)), _detection_explained(sources)
+        yield _source_table("detection", shown, _detection_columns()), _detection_explained(sources)
         if any(gain["value"] is not None for gain in _gains(tree["fusion_gain"]).values()):
             yield _gain_table(tree["fusion_gain"]), _gain_explained(tree["fusion_gain"])
         yield _source_table("errors of matched boxes (metres, degrees)", sources, ERROR_COLUMNS), ERRORS
@@ -233,7 +233,7 @@ CHAINS = (
 )
 
 
-def _detection_columns(sources: Tree) -> Columns:
+def _detection_columns() -> Columns:
     return (
         ("truth", "truth", str),
         ("boxes", "found", str),
@@ -242,7 +242,7 @@ def _detection_columns(sources: Tree) -> Columns:
         ("false", "false_per_frame", _digits(2)),
         ("AP bev", AP_BEV, share),
         ("AP 3D", AP_3D, share),
-        ("mAP", f"{_by_distance(next(iter(sources.values()))[ALL])}.map", share),
+        ("mAP", "distance.map", share),
     )
 
 
@@ -264,16 +264,14 @@ def shown_ap(name: str, figures: Tree) -> dict[str, float | None]:
 def _detection_explained(sources: Tree) -> Iterator[str]:
     """The meanings of the columns, and the rule by which a box matches."""
     classes = next(iter(sources.values()))
-    by_distance = _by_distance(classes[ALL])
     small, large = (_overlap(classes[ALL], wanted=overlap) for overlap in ("50", "70"))
     overlaps = f"{large} %" if small == large else f"{large} % ({' and '.join(AT_50)}: {small} %)"
-    at = "those of nuScenes." if by_distance == "nuscenes" else "four, scaled by the length of the class:"
     yield (
         "boxes: reported. false: wrong boxes per frame. AP bev, AP 3D: average precision seen from above and in 3D, 40 "
-        f"recalls, at an IoU of {overlaps}. mAP: mean over matching distances, {at}"
+        f"recalls, at an IoU of {overlaps}. mAP: mean over four matching distances, scaled by the length of the class:"
     )
     for name, figures in classes.items():
-        if name != ALL and (thresholds := figures[by_distance].get("thresholds")):
+        if name != ALL and (thresholds := figures["distance"].get("thresholds")):
             distances = [f"{threshold['distance_m']:.3g}" for threshold in thresholds]
             yield f"  {name}: {', '.join(distances)} m"
     yield (
@@ -359,7 +357,3 @@ def _overlap(figures: Tree, beginning: str = AP_BEV, wanted: str = "50") -> str:
     """The IoU that is shown, in percent: the wanted one if that is among them, else the last."""
     known = [key.removeprefix(beginning) for key in figures if key.startswith(beginning)]
     return wanted if wanted in known else known[-1]
-
-
-def _by_distance(figures: Tree) -> str:
-    return "nuscenes" if "nuscenes" in figures else "distance"

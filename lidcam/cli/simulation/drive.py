@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lidcam.cli.options import Format, Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
+from lidcam.cli.options import Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
 from lidcam.cli.printing.escaping import visible
 from lidcam.cli.printing.log import progress_log
 from lidcam.cli.simulation.simulate import log_recording
@@ -32,7 +32,6 @@ Examples:
 def drive(
     scenario: Scenario,
     output: RecordingOut,
-    format_: Format = None,
     keys: Annotated[
         str | None,
         typer.Option(metavar="KEYS", help="Press these keys, as fast as the simulation runs, and exit."),
@@ -65,7 +64,7 @@ def drive(
         )
     with contextlib.ExitStack() as resources:
         keyboard = _keyboard(keys, key_interval, drivable, resources)
-        opened = recording_to(output, format_, found, read=scenario, overwrite=overwrite, driven=drivable)
+        opened = recording_to(output, found, read=scenario, overwrite=overwrite, driven=drivable)
         simulation, recorder = resources.enter_context(opened)
         viewer = _viewer(simulation) if view else None
         end_ns = None if duration_s is None else round(duration_s * 1e9)

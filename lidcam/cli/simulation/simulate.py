@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from lidcam.cli.options import Format, Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
+from lidcam.cli.options import Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
 from lidcam.cli.printing.log import remark_log
 
 # \b keeps the lines of a paragraph as they are.
@@ -15,7 +15,6 @@ Examples:
   lidcam simulate sandbox out.bag --duration 10
   lidcam simulate --show sandbox > my.yaml
   lidcam simulate crossing out.mcap --seed 7
-  lidcam simulate my.yaml bag_folder --format sqlite3
   lidcam simulate random out.mcap --family road --seed 7
   lidcam simulate crossing out.mcap --errors
   lidcam simulate sandbox out.bag --set lidars.velodyne1.clock_offset_ms=20
@@ -34,7 +33,6 @@ def _show(name: str | None) -> None:
 def simulate(
     scenario: Scenario,
     output: RecordingOut,
-    format_: Format = None,
     duration_s: Annotated[
         float | None,
         typer.Option(
@@ -70,7 +68,6 @@ def simulate(
     messages, recorded_s = simulate_recording(
         scenario,
         output,
-        format=format_,
         duration_s=duration_s,
         seed=seed,
         family=family,

@@ -218,7 +218,7 @@ def pillars(
 def convert(
     network: Annotated[
         Path,
-        typer.Argument(metavar="NETWORK", help="Checkpoint (.pth), or what OpenPCDet or mmdeploy exported (.onnx)."),
+        typer.Argument(metavar="NETWORK", help="Checkpoint (.pth) of OpenPCDet or mmdetection3d."),
     ],
     out: Annotated[
         Path, typer.Option("--out", metavar="FILE.onnx", callback=ends_in(".onnx"), help="The network for --model-3d.")

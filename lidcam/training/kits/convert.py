@@ -1,4 +1,4 @@
-"""Conversion of a kit's checkpoint or exported network to a file that `--model-3d` takes.
+"""Conversion of a kit's checkpoint to a file that `--model-3d` takes.
 
 None of the kits' files is executed.
 """
@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import onnx
 import torch
 import yaml
 from pydantic import ValidationError
@@ -20,13 +19,12 @@ from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
 from lidcam.pipeline.core.small_files import read_small_text
 from lidcam.pipeline.core.text import one_line
-from lidcam.pipeline.detectors.onnx.session import OnnxSession
 from lidcam.pipeline.detectors.pillars.kits import KEY, KIT_INPUTS, KIT_OUTPUTS, KitSpecs
-from lidcam.training.kits.graph import Rows, Weights, add_anchor_boxes, add_network, by_row
+from lidcam.training.kits.graph import Weights, add_network
 from lidcam.training.kits.mmdet3d import mmdet3d_model
-from lidcam.training.kits.model import AnchorHead, Data, KitModel
+from lidcam.training.kits.model import Data, KitModel
 from lidcam.training.kits.openpcdet import openpcdet_model
-from lidcam.training.onnx_graph import FLOAT, INT64, Graph, Value
+from lidcam.training.onnx_graph import FLOAT, INT64, Graph
 from lidcam.training.torch_file import torch_file
 
 MAX_NUMBERS = 1 << 27
@@ -160,14 +158,6 @@ def _merged(base: dict[str, Any], changed: dict[str, Any]) -> dict[str, Any]:
     return base | changed | {key: _merged(base[key], changed[key]) for key in shared if isinstance(changed[key], dict)}
 
 
-MMDEPLOY = "cls_score", "bbox_pred", "dir_cls_pred"
-EXPORTS: dict[tuple[str, ...], tuple[tuple[str, ...], ...]] = {
-    ("voxels", "num_points", "coors"): (MMDEPLOY, tuple(f"{name}0" for name in MMDEPLOY)),
-    ("voxels", "voxel_num_points", "voxel_coords"): (("cls_preds", "box_preds", "dir_cls_preds"),),
-}
-"""Outputs by inputs: for mmdeploy, and for exports with the names of OpenPCDet's modules, with channels last."""
-
-
 class Converted(NamedTuple):
     """Content of a file for `--model-3d`, and the metadata in it."""
 
@@ -179,17 +169,13 @@ def converted(network: Path, config: Path | None, given: Data) -> Converted:
     """Convert a network.
 
     Args:
-        network: Checkpoint, or ONNX file.
+        network: Checkpoint.
         config: Configuration; None: the one that mmdetection3d put into the checkpoint.
         given: Values that take precedence over those known for the data set.
 
     Raises:
         ModelError: a file cannot be read, or lidcam cannot run the network.
     """
-    if network.suffix == ".onnx":
-        if config is None:
-            raise ModelError(f"{network}: an exported network needs its configuration: --config FILE")
-        return _exported(network, _model(config, "", given))
     checkpoint = read_checkpoint(network)
     if config is None and not checkpoint.config:
         raise ModelError(f"{network}: holds no configuration: give --config FILE")
@@ -200,7 +186,8 @@ def converted(network: Path, config: Path | None, given: Data) -> Converted:
         add_network(graph, model, weights)
         weights.check_none_left()
     inputs = (KIT_INPUTS[0], FLOAT, ("points", len(specs.features))), (KIT_INPUTS[1], INT64, ("points", 1))
-    return Converted(graph.file(inputs, _outputs(specs), {KEY: specs.model_dump_json()}), specs)
+    outputs = (KIT_OUTPUTS[0], FLOAT, ("boxes", 8)), (KIT_OUTPUTS[1], FLOAT, ("boxes", len(specs.classes)))
+    return Converted(graph.file(inputs, outputs, {KEY: specs.model_dump_json()}), specs)
 
 
 def _model(path: Path, text: str, given: Data) -> KitModel:
@@ -226,27 +213,3 @@ def _named(path: Path) -> Iterator[None]:
             first = err.errors()[0]
             found = ".".join(map(str, (err.title, *first["loc"]))) + f": {one_line(first['msg'])}"
         raise ModelError(f"{path}: expected a configuration of OpenPCDet or mmdetection3d, found {found}") from err
-
-
-def _exported(path: Path, model: KitModel) -> Converted:
-    """The exported network, followed by nodes that turn its outputs into boxes."""
-    session, head = OnnxSession(path, threads=1, provider="cpu"), model.head
-    inputs, outputs = (tuple(name for name, _, _ in values) for values in (session.inputs, session.outputs))
-    if not isinstance(head, AnchorHead) or outputs not in EXPORTS.get(inputs, ()):
-        expected = " or ".join(f"{', '.join(ins)} -> {', '.join(outs[-1])}" for ins, outs in EXPORTS.items())
-        found = f"{', '.join(inputs)} -> {', '.join(outputs)}"
-        raise ModelError(f"{path}: expected PointPillars with {expected}, found {type(head).__name__}, {found}")
-    graph, channels_last = Graph("lidcam/"), outputs[0] == "cls_preds"
-    counts = len(model.specs.classes), head.code, head.directions
-    rows = [
-        graph.add_node("Reshape", name, np.array([-1, numbers])) if channels_last else by_row(graph, name, numbers)
-        for name, numbers in zip(outputs, counts, strict=True)
-    ]
-    with _named(path):
-        add_anchor_boxes(graph, model, head, Rows(*rows))
-    specs = model.specs.model_copy(update={"layout": "voxels", "features": tuple(model.raw)})
-    return Converted(graph.file_behind(onnx.load(path), _outputs(specs), {KEY: specs.model_dump_json()}), specs)
-
-
-def _outputs(specs: KitSpecs) -> tuple[Value, Value]:
-    return (KIT_OUTPUTS[0], FLOAT, ("boxes", 8)), (KIT_OUTPUTS[1], FLOAT, ("boxes", len(specs.classes)))

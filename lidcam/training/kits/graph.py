@@ -84,7 +84,7 @@ class Image(NamedTuple):
     channels: int
 
 
-class Rows(NamedTuple):
+class _Rows(NamedTuple):
     """The output of a head: values of N anchors, or cells, in rows along y; anchors of a cell follow each other."""
 
     classes: str  # (N, C) log odds
@@ -104,19 +104,19 @@ def add_network(graph: Graph, model: KitModel, weights: Weights) -> None:
         return
     layers = {"conv_cls": len(model.specs.classes), model.names.boxes: head.code, "conv_dir_cls": head.directions}
     rows = [
-        by_row(graph, _last(graph, weights, f"{name}.{layer}", image, len(head.anchors) * numbers, 1), numbers)
+        _by_row(graph, _last(graph, weights, f"{name}.{layer}", image, len(head.anchors) * numbers, 1), numbers)
         for layer, numbers in layers.items()
         if numbers
     ]
-    add_anchor_boxes(graph, model, head, Rows(*rows))
+    _add_anchor_boxes(graph, model, head, _Rows(*rows))
 
 
-def by_row(graph: Graph, image: str, numbers: int) -> str:
+def _by_row(graph: Graph, image: str, numbers: int) -> str:
     """Reshape an image into rows of numbers."""
     return graph.add_node("Reshape", graph.add_node("Transpose", image, perm=[0, 2, 3, 1]), np.array([-1, numbers]))
 
 
-def add_anchor_boxes(graph: Graph, model: KitModel, head: AnchorHead, rows: Rows) -> None:
+def _add_anchor_boxes(graph: Graph, model: KitModel, head: AnchorHead, rows: _Rows) -> None:
     """Add the nodes that turn the values of anchors into boxes, with the outputs `KIT_OUTPUTS`."""
     anchors, cells, count = head.anchors, _output_cells(model), np.array(len(head.anchors))
     likely = _likeliest(graph, rows.classes, len(model.specs.classes), int(count * cells.prod()))
@@ -167,7 +167,9 @@ def _add_center_boxes(graph: Graph, model: KitModel, head: CenterHead, weights: 
             for layer in range(layers - 1):
                 pair = f"{part}.{layer}.{conv}", f"{part}.{layer}.{norm}"
                 made = _convolved(own, weights, made, pair, head.width, head.kernel, 1, head)
-            rows[branch] = by_row(own, _last(own, weights, f"{part}.{layers - 1}", made, numbers, head.kernel), numbers)
+            rows[branch] = _by_row(
+                own, _last(own, weights, f"{part}.{layers - 1}", made, numbers, head.kernel), numbers
+            )
         likely = _likeliest(graph, rows[names.heat], len(classes), int(cells.prod()))
         offset, z, sides, turn, odds = (
             graph.add_node("Gather", rows[branch], likely) for branch in (*names.branches, names.heat)

@@ -52,7 +52,6 @@ def mmdet3d_model(config: dict[str, Any], given: kit.Data) -> kit.KitModel:
             branches=("reg", "height", "dim", "rot"),
         ),
         specs=specs,
-        raw=kit.raw_features(POINT[: encoder["in_channels"]]),
         encoder=kit.Encoder(channels=encoder["feat_channels"], eps=_eps(encoder, 1e-3)),
         backbone=kit.Backbone(
             channels=backbone["out_channels"],

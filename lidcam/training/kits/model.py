@@ -106,11 +106,10 @@ class CenterHead(SettingsModel):
 
 
 class KitModel(NamedTuple):
-    """A network, the names of its layers, the metadata of its file, and the features of each point by itself."""
+    """A network, the names of its layers, and the metadata of its file."""
 
     names: Names
     specs: KitSpecs
-    raw: list[Feature]
     encoder: Encoder
     backbone: Backbone
     head: AnchorHead | CenterHead
@@ -180,7 +179,6 @@ def specs_of(
         raise ModelError(f"expected --ground-z and --intensity-max, as its data set is none of {sets}")
     return KitSpecs(
         classes=tuple(FoundClass(name=name) for name in classes),
-        layout="points",
         features=features,
         max_points=max_points,
         grid=KitGrid(low_m=low, high_z_m=high[2], cell_m=cell[:2], cells=(columns, rows)),

@@ -48,7 +48,6 @@ def openpcdet_model(config: dict[str, Any], given: kit.Data) -> kit.KitModel:
     return kit.KitModel(
         names=NAMES,
         specs=kit.specs_of(found, limits, voxels["VOXEL_SIZE"], features, most, data.get("DATASET"), given),
-        raw=raw,
         encoder=kit.Encoder(channels=vfe["NUM_FILTERS"]),
         backbone=kit.Backbone(
             channels=backbone["NUM_FILTERS"],

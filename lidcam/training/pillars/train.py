@@ -21,7 +21,7 @@ from lidcam.pipeline.detectors.pillars.decoding import Found
 from lidcam.pipeline.detectors.pillars.network import FoundClass, PillarNetwork, PillarSpecs
 from lidcam.training.card import average_precision, calibration_error
 from lidcam.training.labelled import WORLDS, LabelledFrame, TrueBoxes, loaded
-from lidcam.training.pillars.fit import BATCH, CHECKPOINT_EVERY_S, Checkpoint, fitted
+from lidcam.training.pillars.fit import BATCH, Checkpoint, fitted
 from lidcam.training.pillars.onnx_file import onnx_bytes
 from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, WRITTEN_GRIDS, Worlds, family_of, known_to, scene
 
@@ -170,7 +170,6 @@ def train_pillars(
     *,
     workers: int,
     progress: Progress,
-    every_s: float = CHECKPOINT_EVERY_S,
 ) -> str:
     """Train a network, or continue from its checkpoint, write it as an ONNX file, and return its card in Markdown.
 
@@ -181,7 +180,7 @@ def train_pillars(
     def step_done(step: int, loss: float) -> None:
         progress(FITTING_SHARE * step / steps, f"step {step} of {steps}, loss {loss:.3f}")
 
-    network = fitted(checkpoint, steps, workers=workers, step_done=step_done, every_s=every_s)
+    network = fitted(checkpoint, steps, workers=workers, step_done=step_done)
     half = min(max(steps // 100, 1), MAX_HELD_OUT // 2)
 
     def judge_held_out(part: int) -> dict[str, Judged]:

@@ -47,6 +47,7 @@ class Config(SettingsModel):
     """
 
     GONE: ClassVar[Mapping[str, str]] = {
+        "velodyne.topics": "velodyne.model and velodyne.calibration hold for all lidars",
         "topics.last_resort": "now a constant: /point_cloud_combined and /ground_cloud",
         "sync.age_penalty": _constant(0.1),
         "combine.motion.max_extrapolation_s": _constant(0.2),
@@ -61,9 +62,12 @@ class Config(SettingsModel):
         "detect3d.recorded.yaw_sigma_deg": _constant(10.0),
         "detect2d.nms_iou": _constant(0.45),
         "detect2d.nms_iou_any": _constant(0.6),
+        "detect2d.threads": _constant(1),
         "associate": "now constants of pipeline/core/association.py",
         "fuse.min_score_unconfirmed": "fuse.min_score is a probability, with cameras and without",
         "fuse.heading_sigma_deg": _constant(5.0),
+        "evaluate.distances": "scaled by the length of the class; for nuScenes's own figures, export",
+        "fuse.camera_recall": "learned for each camera and size while the run goes on",
         "fuse.size_sigma": _constant(0.15),
         "fuse.corner_rounding": _constant(0.25),
         "fuse.underside": _constant(0.06),

@@ -146,8 +146,6 @@ class Detect2DConfig(SettingsModel):
         class_numbers: Meaning of a number in the place of a class name in recorded boxes: with `labels` the class that
             has it among its labels, with `coco` a row of the 80 names of COCO, from 0 (0 person, 2 car). A name is
             looked up in the labels either way.
-        threads: Threads that run the network; fixed, so that results do not depend on the machine. One is most
-            efficient, because the other stages use the other cores.
     """
 
     method: Literal["auto", "onnx", "recorded", "callable", "none"] = "auto"
@@ -160,4 +158,3 @@ class Detect2DConfig(SettingsModel):
     max_input_px: Count = 1_000_000
     min_score: Share = 0.15
     class_numbers: Literal["labels", "coco"] = "labels"
-    threads: Count = 1

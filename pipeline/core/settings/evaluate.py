@@ -16,9 +16,6 @@ class EvaluateConfig(SettingsModel):
     Attributes:
         iou: IoUs of rotated boxes from which a detection counts as right in the figures named by them (`ap_bev_r40_50`
             is at 0.5).
-        distances: Up to which distance of the centres a detection counts as right in the figures by distance. `scaled`:
-            0.5, 1, 2 and 4 m times the length of the class (`classes.N.size_m`) over 4 m. `nuscenes`: as they are, with
-            the ranges of nuScenes, and the figures carry its name.
         ranges_m: Edges of the ranges from the origin of the site frame by which figures are grouped; null: 0, 10,
             20, 40 and 80 m, times the length of the first class over 4 m.
         region: Corners x, y in the site frame of what is evaluated, or `everywhere`; null: where truth is labelled.
@@ -35,7 +32,6 @@ class EvaluateConfig(SettingsModel):
     """
 
     iou: Annotated[tuple[IouThreshold, ...], Field(min_length=1)] = (0.25, 0.5, 0.7)
-    distances: Literal["scaled", "nuscenes"] = "scaled"
     ranges_m: Annotated[tuple[NotNegative, ...], Field(min_length=2)] | None = None
     region: Corners | Literal["everywhere"] | None = None
     max_range_m: Positive | None = None

@@ -11,9 +11,6 @@ class FuseConfig(SettingsModel):
     Attributes:
         min_score: Objects that are less probable are not reported. The probability is that of an object of this class
             at this place, from what all sensors say and do not say; it means the same in every recording.
-        camera_recall: Share of large objects in plain view that the 2D detector finds; how much it speaks against an
-            object that a camera should see it and says nothing. null: learned while the run goes on, for each camera
-            and size.
         unknown: Whether what the lidars see well, and what is probably of no class, is reported as an object of class
             `unknown`: cargo on the road, animals, but also bushes, poles and walls up to the size of a bus. Its score
             grows with its points. `/lidar_camera_fused` and `lidcam evaluate` leave such objects out.
@@ -29,7 +26,6 @@ class FuseConfig(SettingsModel):
     """
 
     min_score: Share = 0.5
-    camera_recall: Share | None = None
     unknown: bool = False
     calibration: Literal["auto", "recorded"] = "auto"
     refine: bool = True

@@ -65,8 +65,8 @@ class RigConfig(SettingsModel):
     zones: dict[ZoneName, ZoneConfig] = Field(default_factory=dict)
 
 
-class VelodyneLidarConfig(SettingsModel):
-    """Properties of a Velodyne lidar that its packets do not contain.
+class VelodyneConfig(SettingsModel):
+    """Raw packets of Velodyne lidars (velodyne_msgs): what they do not say of the lidar.
 
     Attributes:
         model: `auto` reads it from the packets, which do not tell a VLP-32A from a VLP-32B, nor name an HDL-64E.
@@ -75,16 +75,6 @@ class VelodyneLidarConfig(SettingsModel):
 
     model: VelodyneModelName = "auto"
     calibration: str = ""
-
-
-class VelodyneConfig(VelodyneLidarConfig):
-    """Raw packets of Velodyne lidars (velodyne_msgs).
-
-    Attributes:
-        topics: Model and calibration by topic, instead of the ones for all lidars.
-    """
-
-    topics: dict[str, VelodyneLidarConfig] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

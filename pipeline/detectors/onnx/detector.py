@@ -63,7 +63,7 @@ class OnnxDetector2D:
         """
         self._path, self._settings = path, settings
         remedy = "lidcam fetch yolox-nano downloads one"
-        self._session = OnnxSession(path, threads=settings.threads, provider=settings.provider, remedy=remedy)
+        self._session = OnnxSession(path, provider=settings.provider, remedy=remedy)
         try:
             self._load()
         except (ConfigError, ModelError) as err:

@@ -1,16 +1,14 @@
-"""Runs ONNX files that anyone may have made, in bounded time and memory.
+"""Runs ONNX files that anyone may have made, in bounded memory.
 
 onnxruntime itself sees to it that weights outside of a model's folder are not read, by links neither. It does not bound
-what a network may take: a file of a few hundred bytes can hold a loop of 2^62 turns, or a constant of many gigabytes.
+what a network may take: a file of a few hundred bytes can hold a constant of many gigabytes.
 """
 
 import os
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from copy import copy
 from pathlib import Path
-from threading import Timer
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -21,9 +19,6 @@ from lidcam.pipeline.core.text import one_line
 from lidcam.pipeline.detectors.onnx.free_size import free_size
 from lidcam.pipeline.detectors.onnx.inputs import Value
 from lidcam.pipeline.detectors.onnx.providers import check_runs_on, chosen, onnxruntime, set_up
-
-MAX_SECONDS = 30
-"""Maximum time to load a file, and for each image of a batch: the largest YOLOX takes 5 s of a slow core."""
 
 MAX_BATCH_BYTES = 1 << 29
 """Maximum size of the images given at once: 26 of 1280 x 1280 px."""
@@ -45,12 +40,11 @@ class OnnxSession:
         provider: What runs it.
     """
 
-    def __init__(self, path: Path, *, threads: int, provider: Provider, remedy: str = "") -> None:
-        """Load a network.
+    def __init__(self, path: Path, *, provider: Provider = "cpu", remedy: str = "") -> None:
+        """Load a network, which runs on one thread: the other cores have other frames, and results stay the same.
 
         Args:
             path: Its file.
-            threads: Threads of a run.
             provider: Processor or accelerator.
             remedy: Advice in the error if there is no such file.
 
@@ -65,7 +59,7 @@ class OnnxSession:
                 raise ModelError(f"{path}: expected an ONNX file, found {found}")
         except OSError as err:
             raise ModelError(f"{path}: expected an ONNX file that can be read: {err.strerror}") from err
-        self._path, self._threads, self.provider = path, threads, chosen(provider)
+        self._path, self.provider = path, chosen(provider)
         self._load(str(path))
 
     def with_free_size(self, image_input: str) -> Self:
@@ -88,9 +82,8 @@ class OnnxSession:
     def _load(self, model: str | bytes) -> None:
         """Load the network from its file, or from bytes that stand for it."""
         path, ort = self._path, onnxruntime()
-        self._new_run: Callable[[], Any] = ort.RunOptions
         options = ort.SessionOptions()
-        options.intra_op_num_threads = self._threads
+        options.intra_op_num_threads = 1
         options.inter_op_num_threads = 1
         options.use_deterministic_compute = True
         options.log_severity_level = 4  # errors are raised; onnxruntime would also print them
@@ -101,13 +94,8 @@ class OnnxSession:
             options.add_session_config_entry(WEIGHTS_FOLDER, str(path.resolve().parent))
         providers = set_up(self.provider, options)
         try:
-            with _after(MAX_SECONDS, lambda: options.set_load_cancellation_flag(True)):
-                self._session = ort.InferenceSession(
-                    model,
-                    options,
-                    providers=providers,
-                    enable_fallback=0,  # which prints, and tries the same once more
-                )
+            # The fallback would print, and try the same once more.
+            self._session = ort.InferenceSession(model, options, providers=providers, enable_fallback=0)
         except Exception as err:  # onnxruntime's errors have no base of their own
             if is_short_memory(err):
                 raise
@@ -126,26 +114,11 @@ class OnnxSession:
         """The outputs for a batch of some images, from the array of each input by name.
 
         Raises:
-            ModelError: the network fails, takes too long or too much memory, or gives no arrays.
+            ModelError: the network fails, takes too much memory, or gives no arrays.
         """
-        options, seconds = self._new_run(), MAX_SECONDS * images
-        with _after(seconds, lambda: setattr(options, "terminate", True)):
-            try:
-                return [np.asarray(output) for output in self._session.run(None, dict(fed), options)]
-            except Exception as err:  # onnxruntime's errors have no base of their own
-                if is_short_memory(err):
-                    raise
-                reason = f"it did not end within {seconds} s" if options.terminate else one_line(err)
-                raise ModelError(f"{self._path}: the network fails on a batch of {images}: {reason}") from err
-
-
-@contextmanager
-def _after(seconds: float, act: Callable[[], object]) -> Iterator[None]:
-    """Act on another thread unless the block ends before."""
-    timer = Timer(seconds, act)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
+        try:
+            return [np.asarray(output) for output in self._session.run(None, dict(fed))]
+        except Exception as err:  # onnxruntime's errors have no base of their own
+            if is_short_memory(err):
+                raise
+            raise ModelError(f"{self._path}: the network fails on a batch of {images}: {one_line(err)}") from err

@@ -118,7 +118,7 @@ class PillarDetector:
                 "these classes comes with lidcam"
             )
         path = existing_network_file(path)
-        session = OnnxSession(path, threads=1, provider=config.detect3d.provider)
+        session = OnnxSession(path, provider=config.detect3d.provider)
         make = KitNetwork if KEY in session.metadata else PillarNetwork
         self._network, self._points = make(path, session), PillarPoints(rig, config)
         found = self._network.classes

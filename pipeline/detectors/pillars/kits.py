@@ -21,7 +21,7 @@ KEY = "lidcam.kit"
 """Name under which the metadata of a file holds its `KitSpecs`."""
 
 KIT_INPUTS = "features", "pillar"
-"""(R, F) float32 and (R, 1) int64 in layout `points`, see `kit_pillars`."""
+"""(R, F) float32 and (R, 1) int64, see `kit_pillars`."""
 
 KIT_OUTPUTS = "boxes", "log_odds"
 """(K, 8) float32: centre, length, width and height in the kit's frame, metres; sine and cosine of the heading. And (K,
@@ -35,7 +35,6 @@ and from the middle of the pillar, its distance from the lidar. Zero stands for 
 age of a sweep, which is 0 for the last one; elongation)."""
 
 MAX_SIDE = 2048
-DTYPES = {"tensor(float)": np.float32, "tensor(int32)": np.int32, "tensor(int64)": np.int64}
 
 
 class KitGrid(SettingsModel):
@@ -58,9 +57,6 @@ class KitSpecs(SettingsModel):
     """Metadata of a file."""
 
     classes: Annotated[tuple[FoundClass, ...], Field(min_length=1)]  # Classes of its output, in order
-    # Layout of its inputs. `points`: `KIT_INPUTS`. `voxels`: the points (V, M, F) of each pillar, their number (V,),
-    # and the batch, layer, row and column of the pillar (V, 4)
-    layout: Literal["points", "voxels"]
     features: Annotated[tuple[Feature, ...], Field(min_length=3)]  # Features of its points, in order
     # Points that the kit puts into a pillar. If there are fewer, the kit leaves places empty, and these count as points
     # of zeros; 0: it leaves none empty
@@ -136,7 +132,7 @@ class KitNetwork:
         self.specs = specs_in(session, path, KEY, KitSpecs, "a 3D network that `lidcam train convert` wrote")
         self.classes, self.cell_m = self.specs.classes, max(self.specs.grid.cell_m)
         names, expected = [name for name, _, _ in session.outputs], [*KIT_OUTPUTS]
-        if names != expected or len(session.inputs) != (2 if self.specs.layout == "points" else 3):
+        if names != expected or len(session.inputs) != len(KIT_INPUTS):
             raise ModelError(f"{path}: expected outputs {expected}, found {names}, or other inputs: convert it anew")
 
     def reaches(self, xy: F64) -> Bools:
@@ -153,7 +149,7 @@ class KitNetwork:
         points, kinds = kit_points(position, intensity, self.specs), len(self.classes)
         boxes, log_odds = np.zeros((0, 8), np.float32), np.zeros((0, kinds), np.float32)
         if len(points.pillar):
-            boxes, log_odds = self._session.run(self._fed(points), 1)
+            boxes, log_odds = self._session.run(dict(zip(KIT_INPUTS, kit_pillars(points, self.specs), strict=True)), 1)
         shapes = (len(boxes), 8), (len(boxes), kinds)
         if (boxes.shape, log_odds.shape) != shapes or not (np.isfinite(boxes).all() and np.isfinite(log_odds).all()):
             raise ModelError(f"{self._path}: expected finite numbers (K, 8) and (K, {kinds}), found others")
@@ -163,20 +159,3 @@ class KitNetwork:
         numbers = boxes[kept].astype(np.float64)
         centers = numbers[:, :3] - np.array([0.0, 0.0, self.specs.ground_z_m])
         return Found(centers, numbers[:, 3:6], np.arctan2(*numbers[:, 6:].T), highest[kept], best[kept])
-
-    def _fed(self, points: KitPoints) -> dict[str, F32 | I64]:
-        if self.specs.layout == "points":
-            return dict(zip(KIT_INPUTS, kit_pillars(points, self.specs), strict=True))
-        place = np.arange(len(points.pillar)) - np.repeat(points.starts, points.counts)
-        voxel = np.repeat(np.arange(len(points.starts)), points.counts)
-        taken = np.flatnonzero(place < self.specs.max_points)
-        voxels = np.zeros((len(points.starts), self.specs.max_points, len(self.specs.features)), np.float32)
-        for row, name in enumerate(self.specs.features):
-            voxels[voxel[taken], place[taken], row] = points.columns[name][taken]
-        row_column = np.divmod(points.pillar[points.starts], self.specs.grid.cells[0])
-        zero = np.zeros(len(points.starts), np.int64)
-        arrays = voxels, np.minimum(points.counts, self.specs.max_points), np.column_stack([zero, zero, *row_column])
-        return {
-            name: array.astype(DTYPES[kind])
-            for (name, _, kind), array in zip(self._session.inputs, arrays, strict=True)
-        }

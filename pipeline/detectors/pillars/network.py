@@ -68,7 +68,7 @@ class PillarNetwork:
             ModelError: it cannot be loaded, or says nothing about its pillars.
         """
         self._path = path
-        self._session = session or OnnxSession(path, threads=1, provider="cpu")
+        self._session = session or OnnxSession(path)
         what = "a 3D network that `lidcam train pillars` wrote"
         specs, expected = specs_in(self._session, path, KEY, PillarSpecs, what), f"{path}: expected {what}"
         if specs.features != FEATURES or specs.grid.cells % 8 or specs.grid.cells > MAX_CELLS:

@@ -41,13 +41,13 @@ class Episode:
 
     Attributes:
         key: Its place among all episodes: by first frame, then by channel, then by row.
-        worst: Largest amount of each kind, and the frame that has it.
         last: Its difference in the last frame.
     """
 
     def __init__(self, channel: Channel, channel_row: int, first: Difference) -> None:
         self.key = first.pair, channel_row, first.row
-        self.worst: dict[Kind, tuple[float, Difference]] = {}
+        self._largest: dict[Kind, float] = {}
+        self._new_class: str | None = None
         self._named = {"source" if channel[0] == "sources" else "camera": channel[1]}
         self._first, self._frames = first, 0
         self._counts: dict[Kind, int] = {}
@@ -59,8 +59,9 @@ class Episode:
         self._frames += 1
         for kind, amount in difference.amounts.items():
             self._counts[kind] = self._counts.get(kind, 0) + 1
-            if kind not in self.worst or amount > self.worst[kind][0]:
-                self.worst[kind] = amount, difference
+            self._largest[kind] = max(amount, self._largest.get(kind, amount))
+        if "relabelled" in difference.amounts and self._new_class is None:
+            self._new_class = difference.new_class_name
 
     def tree(self, start_ns: int) -> dict[str, Any]:
         """The episode as JSON has it, with seconds since `start_ns`."""
@@ -68,7 +69,7 @@ class Episode:
         return {
             **self._named,
             "class": first.class_name,
-            "new_class": self.worst["relabelled"][1].new_class_name if "relabelled" in self.worst else None,
+            "new_class": self._new_class,
             "frames": self._frames,
             "first_frame": first.frame,
             "last_frame": last.frame,
@@ -77,23 +78,10 @@ class Episode:
             "first_stamp_ns": first.stamp_ns,
             "place": list(first.place),
             "kinds": {
-                kind: {"frames": count, "largest": None if kind in WITHOUT_AMOUNT else self.worst[kind][0]}
+                kind: {"frames": count, "largest": None if kind in WITHOUT_AMOUNT else self._largest[kind]}
                 for kind in KINDS
                 if (count := self._counts.get(kind))
             },
-        }
-
-    def worst_tree(self, kind: Kind, start_ns: int) -> dict[str, Any]:
-        """The largest amount of a kind and where it is, as JSON has it."""
-        amount, there = self.worst[kind]
-        return {
-            **self._named,
-            "class": there.class_name,
-            "frame": there.frame,
-            "s": _seconds(there, start_ns),
-            "stamp_ns": there.stamp_ns,
-            "place": list(there.place),
-            "amount": amount,
         }
 
 
@@ -146,7 +134,6 @@ class Listing:
     def __init__(self, max_kept: int) -> None:
         self._max_kept = max_kept
         self._kept: list[Episode] = []
-        self._worst: dict[Kind, Episode] = {}
         self._count = 0
 
     def take(self, episodes: Iterable[Episode]) -> None:
@@ -154,22 +141,13 @@ class Listing:
         for episode in episodes:
             self._count += 1
             self._kept.append(episode)
-            for kind, (amount, _) in episode.worst.items():
-                other = self._worst.get(kind)
-                if other is None or (-amount, episode.key) < (-other.worst[kind][0], other.key):
-                    self._worst[kind] = episode
         if len(self._kept) >= 2 * self._max_kept:
             self._shorten()
 
     def figures(self, start_ns: int) -> dict[str, Any]:
-        """The episodes as JSON has them, the earliest first, and the one with the largest amount of each kind."""
+        """The number of episodes, and the earliest ones as JSON has them."""
         self._shorten()
-        largest = [kind for kind in KINDS if kind in self._worst and kind not in WITHOUT_AMOUNT]
-        return {
-            "count": self._count,
-            "listed": [episode.tree(start_ns) for episode in self._kept],
-            "largest": {kind: self._worst[kind].worst_tree(kind, start_ns) for kind in largest},
-        }
+        return {"count": self._count, "listed": [episode.tree(start_ns) for episode in self._kept]}
 
     def _shorten(self) -> None:
         self._kept.sort(key=lambda one: one.key)

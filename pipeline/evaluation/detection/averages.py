@@ -20,7 +20,7 @@ from lidcam.pipeline.evaluation.detection.curves import (
 )
 from lidcam.pipeline.evaluation.detection.errors import Column, bird_eye_m
 from lidcam.pipeline.evaluation.detection.tables import FoundTable, Scored, TruthTable
-from lidcam.pipeline.evaluation.scales import NUSCENES_RANGES_M, decimal
+from lidcam.pipeline.evaluation.scales import decimal
 
 Averages = dict[str, float | None]
 
@@ -96,52 +96,20 @@ def detection_score(mean_ap: float, errors: Sequence[float]) -> float:
     return (_AP_WEIGHT * mean_ap + scores) / (_AP_WEIGHT + len(errors))
 
 
-def nuscenes_figures(
-    criteria: Criteria, by_criterion: Mapping[int, Scored], found: FoundTable, count: int, class_name: str
-) -> Averages:
-    """Figures of a class by the rules of nuScenes's devkit; None for a class that nuScenes does not have."""
-    names = ("map", *_AP_NAMES, "ate", "ase", "aoe")
-    if class_name not in NUSCENES_RANGES_M:
-        return dict.fromkeys(names)
-    precisions = [_ap(by_criterion[column], count) if count else 0.0 for column in criteria.distance_columns]
-    errors = _mean_errors(criteria, by_criterion, found, count, np.pi if class_name == "barrier" else 2 * np.pi)
-    # an error that is not defined is 1: nothing is found at a recall above 0.1
-    translation_m, size, turn = (1.0, 1.0, 1.0) if errors is None else map(float, errors)
-    aoe = None if class_name == "traffic_cone" else turn
-    return dict(zip(names, (float(np.mean(precisions)), *precisions, translation_m, size, aoe), strict=True))
-
-
 def _ap(detections: Scored, count: int) -> float:
     return interpolated_ap(*points_of(detections.is_right, count))
 
 
-def _mean_errors(
-    criteria: Criteria, by_criterion: Mapping[int, Scored], found: FoundTable, count: int, period: float = 2 * np.pi
-) -> F64 | None:
-    detections = by_criterion[criteria.error_columns[-1]]
-    errors = found.errors[detections.rows[detections.is_right], -1].astype(np.float64)
-    turns = np.abs(errors[:, Column.YAW])
-    turns = np.minimum(turns % period, -turns % period)
-    columns = np.column_stack([bird_eye_m(errors), errors[:, Column.SCALE], turns])
+def _mean_errors(criteria: Criteria, by_criterion: Mapping[int, Scored], found: FoundTable, count: int) -> F64 | None:
+    detections = by_criterion[criteria.position_column]
+    errors = found.errors[detections.rows[detections.is_right]].astype(np.float64)
+    columns = np.column_stack([bird_eye_m(errors), errors[:, Column.SCALE], np.abs(errors[:, Column.YAW])])
     return mean_errors(columns, detections.scores, detections.is_right, count)
 
 
 def mean_figures(classes: Sequence[Averages]) -> Averages:
     """The mean of each figure over the classes where it is defined."""
     return {name: _mean([figures[name] for figures in classes]) for name in classes[0]}
-
-
-def mean_nuscenes_figures(classes: dict[str, Averages]) -> Averages:
-    """The figures of nuScenes over its ten classes, and its detection score.
-
-    As in its devkit, a class without true objects and one that is not detected have a precision of 0 and errors of 1,
-    and so have the errors of velocity and attribute, which lidcam does not have: its score stays at or below 0.8.
-    """
-    nothing: Averages = {**dict.fromkeys(("map", *_AP_NAMES), 0.0), **dict.fromkeys(("ate", "ase", "aoe"), 1.0)}
-    ten = [classes.get(name, {**nothing, "aoe": None if name == "traffic_cone" else 1.0}) for name in NUSCENES_RANGES_M]
-    means = mean_figures(ten)
-    known = {name: value for name, value in means.items() if value is not None}
-    return {**means, "nds": detection_score(known["map"], (known["ate"], known["ase"], known["aoe"], 1.0, 1.0))}
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

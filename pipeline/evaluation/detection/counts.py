@@ -40,12 +40,11 @@ def operating_point(curve: Curve, row: int | None) -> dict[str, float | None]:
 
 
 def count_figures(curve: Curve, ignored: int, truth_ignored: int) -> dict[str, float | int | None]:
-    """Counts, precision and recall of all that is reported, and at the score of the best F1.
+    """Counts, precision and recall of all that is reported.
 
     Of detections, `ignored` are neither right nor false; of true objects, `truth_ignored` are not evaluated.
     """
     right, false = (int(counts[-1]) if len(curve) else 0 for counts in (curve.right, curve.false))
-    best = operating_point(curve, best_row(curve))
     return {
         "truth": curve.truth,
         "truth_ignored": truth_ignored,
@@ -57,10 +56,6 @@ def count_figures(curve: Curve, ignored: int, truth_ignored: int) -> dict[str, f
         "precision": ratio(right, right + false),
         "recall": ratio(right, curve.truth),
         "f1": f1(right, false, curve.truth),
-        "best_f1": best["f1"],
-        "best_f1_score": best["score"],
-        "best_f1_precision": best["precision"],
-        "best_f1_recall": best["recall"],
     }
 
 

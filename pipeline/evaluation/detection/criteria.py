@@ -1,7 +1,6 @@
 """Criteria: when a detection counts as right."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -39,15 +38,12 @@ class Criteria:
 
     ious: tuple[float, ...]  # IoUs that have a criterion each seen from above and in 3D
     scales: F64  # (C,) float64 by class, factor of all distances
-    # `scaled` or `nuscenes`, which also says by whose rules the figures by distance ignore objects
-    distances: Literal["scaled", "nuscenes"]
     vans: Vans  # Which true objects may be of two classes
 
     @classmethod
     def of(cls, config: Config) -> "Criteria":
         """The criteria that the settings ask for."""
-        ious, scales = tuple(dict.fromkeys(config.evaluate.iou)), length_scales(config)
-        return cls(ious, scales, config.evaluate.distances, Vans(config))
+        return cls(tuple(dict.fromkeys(config.evaluate.iou)), length_scales(config), Vans(config))
 
     @property
     def by_overlap(self) -> tuple[Criterion, ...]:
@@ -75,16 +71,10 @@ class Criteria:
 
     @property
     def position_column(self) -> int:
-        """Column of the matches by `position`."""
+        """Column of the matches by `position`, whose errors are kept."""
         return 2 * len(self.ious) + _POSITION
 
     @property
     def distance_columns(self) -> range:
         """Columns of the matches from which figures by distance are made, for each of `DISTANCES_M`."""
-        first = 2 * len(self.ious) + (len(DISTANCES_M) if self.distances == "nuscenes" else 0)
-        return range(first, first + len(DISTANCES_M))
-
-    @property
-    def error_columns(self) -> tuple[int, ...]:
-        """Columns of the matches whose errors are kept: by `position`, and at 2 m in the figures by distance."""
-        return tuple(dict.fromkeys((self.position_column, self.distance_columns[_POSITION])))
+        return range(2 * len(self.ious), 2 * len(self.ious) + len(DISTANCES_M))

@@ -113,7 +113,7 @@ def _average_precision(source: Source, resampling: Resampling, class_id: int, cr
 def _pooled(source: Source, resampling: Resampling, class_id: int | None) -> Samples:
     detections = source.scored(class_id, source.site.criteria.position_column)
     frames, is_right = source.found.frames[detections.rows], detections.is_right
-    errors_m = bird_eye_m(source.found.errors[detections.rows[is_right], 0])
+    errors_m = bird_eye_m(source.found.errors[detections.rows[is_right]])
     found, right = resampling.sums(frames), resampling.sums(frames[is_right])
     truth = resampling.sums(source.site.truth.frames[source.is_evaluated(class_id)])
     return {
@@ -162,5 +162,5 @@ def _errors_m(source: Source, class_id: int | None) -> F64:
     detections = source.scored(class_id, source.site.criteria.position_column)
     right = detections.is_right
     errors_m = np.full(len(source.site.truth), np.nan)
-    errors_m[detections.truth_rows[right]] = bird_eye_m(source.found.errors[detections.rows[right], 0])
+    errors_m[detections.truth_rows[right]] = bird_eye_m(source.found.errors[detections.rows[right]])
     return errors_m

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, Bools
+from lidcam.pipeline.core.arrays import F64, Bools
 from lidcam.pipeline.core.geometry.polygons import first_polygon_with
 from lidcam.pipeline.core.rig import Zone
 from lidcam.pipeline.core.settings.config import Config
@@ -13,10 +13,10 @@ from lidcam.pipeline.evaluation.detection.errors import Column, errors_of_pairs
 from lidcam.pipeline.evaluation.detection.matching import match_criteria, match_other_classes
 from lidcam.pipeline.evaluation.detection.tables import FALSE, FoundTable, Labels, TruthTable
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
-from lidcam.pipeline.evaluation.ignoring import is_counted, is_evaluated, is_within
-from lidcam.pipeline.evaluation.near_objects import Candidates, FoundObjects, TrueObjects, pairs_near
+from lidcam.pipeline.evaluation.ignoring import is_evaluated, is_within
+from lidcam.pipeline.evaluation.near_objects import FoundObjects, TrueObjects, pairs_near
 from lidcam.pipeline.evaluation.pieces import Pieces
-from lidcam.pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_rows, ranges_m
+from lidcam.pipeline.evaluation.scales import range_edges_m, range_rows, ranges_m
 from lidcam.pipeline.evaluation.true_motion import ground_poses, ground_turns
 
 _MAX_FRAMES = 128
@@ -41,7 +41,6 @@ class Gathering:
         self._criteria = Criteria.of(config)
         self._edges_m = range_edges_m(config)
         self._polygons = [zone.polygon_site for zone in zones]
-        self._nuscenes_m = nuscenes_ranges_m(config)
         self._parts_shape = (len(self._edges_m) + len(zones),)
         self._truth = Pieces(TruthTable, parts=self._parts_shape, poses=(3,))
         self._truth_count = 0
@@ -57,7 +56,7 @@ class Gathering:
                     FoundTable,
                     parts=self._parts_shape,
                     matches=(self._criteria.distance_columns.stop,),
-                    errors=(len(self._criteria.error_columns), len(Column)),
+                    errors=(len(Column),),
                     velocities=(3,),
                 )
         if frame.truth is None:
@@ -95,8 +94,6 @@ class Gathering:
 
     def _truth_table(self, truth: TrueObjects, poses: Sequence[F64 | None]) -> TruthTable:
         boxes, first = truth.boxes, len(self.stamps_ns) - len(poses)
-        has_points = boxes.lidar_points != 0
-        is_near = ranges_m(boxes.centers) < np.append(self._nuscenes_m, 0.0)[boxes.class_ids]
         return TruthTable(
             frames=truth.frames,
             class_ids=boxes.class_ids,
@@ -105,7 +102,6 @@ class Gathering:
             lidar_points=boxes.lidar_points,
             yaws=boxes.yaws.astype(np.float32),
             is_evaluated=is_evaluated(boxes, self._settings),
-            is_nuscenes=is_counted(boxes, self._settings) & has_points & is_near,
             track_ids=boxes.track_ids,
             poses=ground_poses(boxes.centers, boxes.yaws, truth.frames, poses, first),
         )
@@ -114,7 +110,6 @@ class Gathering:
         self, found: FoundObjects, truth: TrueObjects, table: TruthTable, poses: Sequence[F64 | None]
     ) -> FoundTable:
         pairs, criteria, boxes = pairs_near(found, truth, self._criteria.scales), self._criteria, found.boxes
-        is_outside = ~is_within(boxes.centers, self._settings)
         matches = match_criteria(
             pairs,
             [*criteria.by_overlap, *criteria.by_distance],
@@ -122,7 +117,7 @@ class Gathering:
             found=boxes,
             truth=truth.boxes,
             is_evaluated=table.is_evaluated,
-            is_ignored=is_outside,
+            is_ignored=~is_within(boxes.centers, self._settings),
         )
         mistaken = match_other_classes(
             pairs,
@@ -132,12 +127,9 @@ class Gathering:
             truth=truth.boxes,
             is_evaluated=table.is_evaluated,
         )
-        if criteria.distances == "nuscenes":
-            matches = np.hstack([matches, self._nuscenes_matches(pairs, found, truth, table, is_outside)])
-        errors = np.full((len(found), len(criteria.error_columns), len(Column)), np.nan, np.float32)
-        for row, column in enumerate(criteria.error_columns):
-            right = np.flatnonzero(matches[:, column] >= 0)
-            errors[right, row] = errors_of_pairs(boxes, truth.boxes, right, matches[right, column])
+        errors = np.full((len(found), len(Column)), np.nan, np.float32)
+        right = np.flatnonzero(matches[:, criteria.position_column] >= 0)
+        errors[right] = errors_of_pairs(boxes, truth.boxes, right, matches[right, criteria.position_column])
         first = len(self.stamps_ns) - len(poses)
         velocities = ground_turns(found.motion.velocities, found.frames, poses, first)
         return FoundTable(
@@ -151,22 +143,6 @@ class Gathering:
             errors=errors,
             velocities=np.column_stack([velocities, found.motion.yaw_rates]).astype(np.float32),
             is_predicted=found.motion.is_predicted,
-        )
-
-    def _nuscenes_matches(
-        self, pairs: Candidates, found: FoundObjects, truth: TrueObjects, table: TruthTable, is_outside: Bools
-    ) -> I32:
-        # nuScenes takes away what is too far and what no lidar hits before it matches; it ignores nothing
-        is_left = ~is_outside & (ranges_m(found.boxes.centers) < self._nuscenes_m[found.boxes.class_ids])
-        at_ignored = truth.boxes.is_ignored | table.is_nuscenes
-        return match_criteria(
-            pairs.select(is_left[pairs.found] & at_ignored[pairs.truth]),
-            self._criteria.by_distance,
-            rules=self._criteria,
-            found=found.boxes,
-            truth=truth.boxes,
-            is_evaluated=table.is_nuscenes,
-            is_ignored=~is_left,
         )
 
     def _parts(self, centers: F64) -> Bools:

@@ -14,8 +14,6 @@ from lidcam.pipeline.evaluation.detection.averages import (
     ap_by_distance_name,
     distance_figures,
     mean_figures,
-    mean_nuscenes_figures,
-    nuscenes_figures,
     overlap_figures,
 )
 from lidcam.pipeline.evaluation.detection.counts import calibration_figures, count_figures
@@ -166,18 +164,15 @@ class Source:
         self, class_id: int | None, part: int | None, averages: _ClassAverages
     ) -> dict[str, Figures | float | int | None]:
         """The figures of a class in a part of the site; those of all classes have the means of the classes before."""
-        is_nuscenes = self.site.criteria.distances == "nuscenes"
-        by_distance = "nuscenes" if is_nuscenes else "distance"
         pooled = self._pooled(class_id, part)
         if class_id is None:
-            overlaps, distances = (list(one.values()) for one in averages)
-            means = mean_nuscenes_figures(averages.distances) if is_nuscenes else mean_figures(distances)
-            return {**pooled, **mean_figures(overlaps), by_distance: means}
+            overlaps, distances = (mean_figures(list(one.values())) for one in averages)
+            return {**pooled, **overlaps, "distance": distances}
         name = self.site.class_names[class_id]
         averages.overlaps[name] = self._overlaps(class_id, part)
         averages.distances[name] = self._distances(class_id, part)
         limits = {"thresholds": self._distances_m(class_id)} if part is None else {}
-        return {**pooled, **averages.overlaps[name], by_distance: {**averages.distances[name], **limits}}
+        return {**pooled, **averages.overlaps[name], "distance": {**averages.distances[name], **limits}}
 
     def _overlaps(self, class_id: int, part: int | None) -> Averages:
         return overlap_figures(
@@ -192,9 +187,6 @@ class Source:
         site = self.site
         criteria = site.criteria
         detections = {column: self.scored(class_id, column).within(part) for column in criteria.distance_columns}
-        if criteria.distances == "nuscenes":
-            count = site.count(site.truth.is_nuscenes & _is_of(self.class_ids, class_id), part)
-            return nuscenes_figures(criteria, detections, self.found, count, site.class_names[class_id])
         count = site.count(self.is_evaluated(class_id), part)
         return distance_figures(criteria, detections, self.found, count, float(criteria.scales[class_id]))
 
@@ -214,7 +206,7 @@ class Source:
         }
 
     def _errors(self, right: Scored) -> Figures:
-        site, errors, truth_rows = self.site, self.found.errors[right.rows, 0], right.truth_rows
+        site, errors, truth_rows = self.site, self.found.errors[right.rows], right.truth_rows
         motion_errors = self.found.velocities[right.rows] - site.velocities[truth_rows]
         motion = motion_figures(errors, motion_errors, site.moves[truth_rows], site.stands[truth_rows])
         return {**error_figures(errors), **motion}
@@ -222,7 +214,7 @@ class Source:
     def _predicted(self, detections: Scored) -> Figures:
         """Figures of detections that were predicted: nothing of the object was seen in the frame."""
         predicted = detections.select(self.found.is_predicted[detections.rows])
-        errors = self.found.errors[predicted.rows[predicted.is_right], 0]
+        errors = self.found.errors[predicted.rows[predicted.is_right]]
         return {
             "found": len(predicted),
             "right": len(errors),

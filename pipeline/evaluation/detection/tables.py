@@ -24,7 +24,6 @@ class TruthTable(Table):
     lidar_points: I32  # (T,) int32, or `UNKNOWN`
     yaws: F32  # (T,) float32
     is_evaluated: Bools  # (T,) bool; False for what is neither a miss nor an error
-    is_nuscenes: Bools  # (T,) bool, evaluated in the figures that carry the name of nuScenes
     track_ids: I64  # (T,) int64, the same for the same object in all frames, or `UNKNOWN`
     poses: F64  # (T, 3) float64, x, y (metres) and yaw over the ground; NaN where not known
 
@@ -40,7 +39,7 @@ class FoundTable:
     yaws: F32  # (N,) float32
     matches: I32  # (N, K) int32 by criterion, row of the true object that the detection shows; or `FALSE`, `IGNORED`
     mistaken: I32  # (N,) int32, row of the true object of another class that a false detection shows; or `FALSE`
-    errors: F32  # (N, E, 10) float32, errors of the matches of E criteria by `Column`; NaN without a match
+    errors: F32  # (N, 10) float32, errors of the matches by `Criteria.position`, by `Column`; NaN without a match
     velocities: F32  # (N, 3) float32, along x and y of the ground in m/s, and yaw rate in rad/s; NaN where not known
     is_predicted: Bools  # (N,) bool, whether nothing of the object was seen in this frame
 

@@ -1,1 +1,1 @@
-"""Tracks against truth: HOTA, CLEAR MOT, IDF1, AMOTA, and heading flips."""
+"""Tracks against truth: HOTA, CLEAR MOT, IDF1, and heading flips."""

@@ -1,7 +1,7 @@
-"""CLEAR MOT, and its averages over recall.
+"""CLEAR MOT, and how much of the truth is found under one name.
 
-Bernardin and Stiefelhagen, "Evaluating multiple object tracking performance", EURASIP JIVP, 2008; for the averages,
-Weng et al., "3D multi-object tracking: a baseline and new evaluation metrics", IROS 2020, as nuScenes has them.
+Bernardin and Stiefelhagen, "Evaluating multiple object tracking performance", EURASIP JIVP, 2008; identity measures:
+Ristani et al., "Performance measures and a data set for multi-target, multi-camera tracking", ECCV workshops, 2016.
 
 An object keeps the track that it was matched with last, as long as that is near enough; only then the others are
 assigned, as many as possible, at the smallest sum of distances. Mostly tracked and mostly lost: Wu and Nevatia,
@@ -21,12 +21,6 @@ MOSTLY_TRACKED = 0.8
 
 MOSTLY_LOST = 0.2
 """Share of its frames below which an object is mostly lost."""
-
-MIN_RECALL = 0.1
-"""Smallest recall of AMOTA."""
-
-RECALLS = 40
-"""Number of recalls of AMOTA."""
 
 NEVER = (-1, -1)
 """Frame and track of an object that was never matched."""
@@ -60,9 +54,9 @@ class ClearCounts:
     mostly_lost: int
 
 
-def match_clear(table: TrackTable, kept: Bools) -> Matches:
-    """Match the objects of each frame, in the order of time, with those of the boxes found (M,) that are kept."""
-    pairs = np.flatnonzero((table.pairs.distances_m < table.max_distance_m) & kept[table.pairs.found])
+def match_clear(table: TrackTable) -> Matches:
+    """Match the objects of each frame with the boxes found, in the order of time."""
+    pairs = np.flatnonzero(table.pairs.distances_m < table.max_distance_m)
     first, second = table.pairs.truth[pairs], table.pairs.found[pairs]
     chosen = is_alone(first, second)
     if not chosen.all():
@@ -168,45 +162,51 @@ def clear_figures(counts: ClearCounts) -> dict[str, float | int | None]:
     }
 
 
-def amota_figures(table: TrackTable) -> dict[str, float | None]:
-    """AMOTA and AMOTP of one class; None without truth.
+@dataclass(frozen=True, slots=True)
+class IdentityCounts:
+    """Counts of matches if each true track has at most one track found for all of its time."""
 
-    The score of a track is the mean of its boxes. Each of 40 recalls from 0.1 to 1 has a threshold of the score, at
-    which as many objects are matched. The tracks above it give MOTAR = 1 - false positives / matches without a switch,
-    and the mean distance of the matches. A recall that is not reached counts with 0, and with the largest distance of a
-    match.
+    truth: int  # True objects in all frames
+    found: int  # Boxes found in all frames
+    matches: int  # Of both, those in frames in which the two tracks of a pair are near each other
+
+
+def count_identity(table: TrackTable) -> IdentityCounts:
+    """The counts of one class, of the pairs of tracks with the most matches."""
+    near = table.pairs.distances_m < table.max_distance_m
+    tracks = table.truth.tracks[table.pairs.truth[near]], table.found.tracks[table.pairs.found[near]]
+    pairs, counts = np.unique(np.stack(tracks, 1), axis=0, return_counts=True)
+    return IdentityCounts(len(table.truth), len(table.found), _most(pairs, counts))
+
+
+def _most(pairs: I64, counts: I64) -> int:
+    """The largest sum of counts of pairs of which each track is part of one at most.
+
+    Over a long recording nearly all tracks are joined by pairs, so that a matrix of all with all would not fit in
+    memory. Each true track has a stand-in for "none" instead, and the problem stays sparse (Jonker and Volgenant, "A
+    shortest augmenting path algorithm for dense and sparse linear assignment problems", Computing 38, 1987).
     """
-    if not len(table.truth):
-        return {"amota": None, "amotp_m": None}
-    lengths = np.maximum(1, np.bincount(table.found.tracks))
-    scores = (np.bincount(table.found.tracks, table.found.scores) / lengths)[table.found.tracks]
-    values: dict[int, tuple[float, float]] = {}
-    rates = []
-    for threshold in _score_thresholds(table, scores):
-        kept = scores >= threshold
-        count = int(kept.sum())
-        if count not in values:
-            values[count] = _motar_motp(table, kept)
-        rates.append(values[count])
-    missing = [(0.0, table.max_distance_m)] * (RECALLS - len(rates))
-    motar, motp_m = np.mean([*rates, *missing], 0)
-    return {"amota": float(motar), "amotp_m": float(motp_m)}
+    if not len(pairs):
+        return 0
+    from scipy.sparse import csr_array  # a fifth of a second: behind the imports of the programs
+    from scipy.sparse.csgraph import min_weight_full_bipartite_matching
+
+    truth, row_of = np.unique(pairs[:, 0], return_inverse=True)
+    found, column_of = np.unique(pairs[:, 1], return_inverse=True)
+    nobody = np.arange(len(truth))
+    # The solver takes a weight of 0 for no pair: all weights are 1 higher, which changes no order.
+    weights = np.concatenate([counts, np.zeros(len(truth))]) + 1.0
+    rows, columns = np.concatenate([row_of, nobody]), np.concatenate([column_of, nobody + len(found)])
+    graph = csr_array((weights, (rows, columns)), shape=(len(truth), len(truth) + len(found)))
+    chosen = min_weight_full_bipartite_matching(graph, maximize=True)
+    return int(graph[chosen].sum()) - len(truth)
 
 
-def _score_thresholds(table: TrackTable, scores: F64) -> F64:
-    """The smallest scores of tracks for the recalls that are reached, interpolated between scores of matches."""
-    matches = match_clear(table, np.ones(len(scores), np.bool_))
-    matched = np.sort(scores[table.pairs.found[matches.pairs[~matches.is_switch]]])[::-1]
-    if not len(matched):
-        return np.zeros(0)
-    recalls = np.linspace(MIN_RECALL, 1, RECALLS).round(12)
-    reached = np.arange(1, len(matched) + 1) / len(table.truth)
-    return np.asarray(np.interp(recalls[recalls <= reached[-1]], reached, matched))
-
-
-def _motar_motp(table: TrackTable, kept: Bools) -> tuple[float, float]:
-    matches = match_clear(table, kept)
-    steady = int((~matches.is_switch).sum())
-    motar = max(0.0, 1 - (int(kept.sum()) - len(matches.pairs)) / steady) if steady else 0.0
-    motp_m = float(table.pairs.distances_m[matches.pairs].mean()) if len(matches.pairs) else table.max_distance_m
-    return motar, motp_m
+def identity_figures(counts: IdentityCounts) -> dict[str, float | None]:
+    """IDF1, precision and recall; None where there is nothing to measure."""
+    both = counts.truth + counts.found
+    return {
+        "idf1": 2 * counts.matches / both if both else None,
+        "idp": counts.matches / counts.found if counts.found else None,
+        "idr": counts.matches / counts.truth if counts.truth else None,
+    }

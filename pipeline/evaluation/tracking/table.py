@@ -54,10 +54,6 @@ class TrackTable:
     # Boxes found that have no track, or share it with another box of their frame; not in the table
     without_track: int = 0
 
-    def within(self, max_range_m: float) -> "TrackTable":
-        """The part that lies nearer to the origin; the rest is gone, as where it was never looked for."""
-        return self.part(self.truth.ranges_m < max_range_m, self.found.ranges_m < max_range_m)
-
     def part(self, truth: Bools, found: Bools) -> "TrackTable":
         """The true objects (N,) and boxes (M,) that are kept."""
         pairs = self.pairs.among(truth, found)

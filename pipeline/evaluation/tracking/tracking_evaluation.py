@@ -4,22 +4,21 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import TypeVar
 
-import numpy as np
-
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Figure, Figures
-from lidcam.pipeline.evaluation.scales import nuscenes_ranges_m, range_edges_m, range_names, range_rows
+from lidcam.pipeline.evaluation.scales import range_edges_m, range_names, range_rows
 from lidcam.pipeline.evaluation.tracking.clear import (
     ClearCounts,
-    amota_figures,
+    IdentityCounts,
     clear_figures,
     count_clear,
+    count_identity,
+    identity_figures,
     match_clear,
 )
 from lidcam.pipeline.evaluation.tracking.collect import Collection
 from lidcam.pipeline.evaluation.tracking.courses import course_figures, follow, total_courses
 from lidcam.pipeline.evaluation.tracking.hota import HotaCounts, count_hota, hota_figures, similarity_of_distance
-from lidcam.pipeline.evaluation.tracking.identity import IdentityCounts, count_identity, identity_figures
 from lidcam.pipeline.evaluation.tracking.table import TrackTable
 
 Counts = TypeVar("Counts", ClearCounts, HotaCounts, IdentityCounts)
@@ -28,9 +27,8 @@ Counts = TypeVar("Counts", ClearCounts, HotaCounts, IdentityCounts)
 class TrackingEvaluation:
     """Tracks of every source that has any, by class and of all classes.
 
-    An object is only compared with boxes of its own class. `all` sums what was counted by class, and has the means of
-    AMOTA and AMOTP over the classes with truth. Ranges have HOTA, CLEAR MOT and IDF1 of their own. With the distances
-    of nuScenes, AMOTA and AMOTP also have its ranges.
+    An object is only compared with boxes of its own class. `all` sums what was counted by class. Ranges have HOTA,
+    CLEAR MOT and IDF1 of their own.
     """
 
     def __init__(self, config: Config) -> None:
@@ -49,27 +47,17 @@ class TrackingEvaluation:
 
     def _source_figures(self, tables: Sequence[TrackTable]) -> Figures:
         counts = [_Counts(table) for table in tables]
-        group, compared = "distance", tables
-        if self._config.evaluate.distances == "nuscenes":
-            ranges_m = nuscenes_ranges_m(self._config).tolist()
-            group = "nuscenes"
-            compared = [table.within(range_m) for table, range_m in zip(tables, ranges_m, strict=True)]
-        averages = [amota_figures(table) for table in compared]
         parts = [self._parts(table, count) for table, count in zip(tables, counts, strict=True)]
         by_class: dict[str, Figures] = {
             name: {
                 "match_distance_m": table.max_distance_m,
                 **_figures([count]),
-                group: average,
                 "ranges": self._ranges([[part] for part in of_class]),
             }
-            for name, table, count, average, of_class in zip(
-                self._config.class_names, tables, counts, averages, parts, strict=True
-            )
+            for name, table, count, of_class in zip(self._config.class_names, tables, counts, parts, strict=True)
         }
-        mean = {name: _mean([average[name] for average in averages]) for name in averages[0]}
         ranges = self._ranges(list(zip(*parts, strict=True)))
-        return {**by_class, "all": {"match_distance_m": None, **_figures(counts), group: mean, "ranges": ranges}}
+        return {**by_class, "all": {"match_distance_m": None, **_figures(counts), "ranges": ranges}}
 
     def _parts(self, table: TrackTable, counts: "_Counts") -> list["_Sums"]:
         """Counts of each range; a box that is matched lies where its object does."""
@@ -95,7 +83,7 @@ class _Sums:
     """Counts of a part of the site, or of all of it."""
 
     def __init__(self, table: TrackTable) -> None:
-        self.matches = match_clear(table, np.ones(len(table.found), np.bool_))
+        self.matches = match_clear(table)
         self.clear = count_clear(table, self.matches)
         self.identity = count_identity(table)
         self.hota = count_hota(table, similarity_of_distance(table))
@@ -131,8 +119,3 @@ def _summed(parts: Sequence[Counts]) -> Counts:
     """The counts of all classes together; tracks of different classes have nothing in common."""
     kind = type(parts[0])
     return kind(*(sum(getattr(part, field.name) for part in parts) for field in fields(kind)))
-
-
-def _mean(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return sum(known) / len(known) if known else None

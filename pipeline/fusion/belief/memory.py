@@ -64,18 +64,12 @@ IMPOSSIBLE_COST = 1e6
 
 
 class RecallCounts:
-    """Counts of found and missed objects by camera and size.
+    """Counts of found and missed objects by camera, of which these are the names, and size."""
 
-    Args:
-        cameras: Names of the cameras.
-        plain_recall: Recall of large objects in plain view, in place of what is learned; None to learn.
-    """
-
-    def __init__(self, cameras: Sequence[str], plain_recall: float | None = None) -> None:
+    def __init__(self, cameras: Sequence[str]) -> None:
         self._rows = {name: row for row, name in enumerate(cameras)}
         self._seen = np.zeros((len(cameras), len(PRIOR_RECALL)))
         self._found = np.zeros_like(self._seen)
-        self._fixed = None if plain_recall is None else np.array(PRIOR_RECALL) * (plain_recall / PRIOR_RECALL[-1])
 
     def plain(self, visibility: Visibility) -> F64:
         """(C, N) recall of each camera for objects of the size of each box in plain view, as counted so far."""
@@ -106,8 +100,6 @@ class RecallCounts:
 
     def _table(self) -> F64:
         """(cameras, sizes) recall."""
-        if self._fixed is not None:
-            return np.broadcast_to(self._fixed, self._seen.shape)
         of_all = self._found.sum(0) + PRIOR_WEIGHT * np.array(PRIOR_RECALL)
         of_all /= self._seen.sum(0) + PRIOR_WEIGHT
         return np.asarray((self._found + PRIOR_WEIGHT * of_all) / (self._seen + PRIOR_WEIGHT))

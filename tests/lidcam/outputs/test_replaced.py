@@ -12,7 +12,7 @@ from mcap.writer import Writer
 from small_drive import small_drive
 
 import lidcam
-from lidcam.bags.simulator.recorder.files import RecordingFormat, recording_file, recording_outputs, ros_version_of
+from lidcam.bags.simulator.recorder.files import recording_file, recording_names, ros_version_of
 from lidcam.bags.simulator.recorder.messages import MessageFactory
 from lidcam.cli.inspect import inspect as run_inspect
 from lidcam.outputs.allowed import REPAIRED, SIMULATED, TEXT, check_no_input, check_replaced
@@ -20,6 +20,7 @@ from lidcam.outputs.registry import OUTPUTS, loaded
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.writers.outputs.marks import is_unchanged_text, marked_yaml
+from lidcam.writers.outputs.transaction import OutputTransaction
 
 OWN = {output.name: loaded(output.is_own) for output in OUTPUTS if output.is_own} | {
     "repaired": REPAIRED.is_own,
@@ -44,12 +45,12 @@ def recorded(path: Path) -> Path:
     return path
 
 
-def simulate(path: Path, format: RecordingFormat, *, overwrite: bool = False) -> Path:
-    make = MessageFactory(ros_version_of(format), 0)
+def simulate(path: Path, *, overwrite: bool = False) -> Path:
+    make = MessageFactory(ros_version_of(path), 0)
     check_old = check_replaced(lambda path: TEXT if path.suffix == ".yaml" else SIMULATED, overwrite=overwrite)
     with (
-        recording_outputs(path, format, check_old=check_old) as outputs,
-        recording_file(outputs, path, format, rig_yaml="site_frame: s\n", scenario_yaml="world: sandbox\n") as write,
+        OutputTransaction(recording_names(path), check_old=check_old) as outputs,
+        recording_file(outputs, path, rig_yaml="site_frame: s\n", scenario_yaml="world: sandbox\n") as write,
     ):
         write(make.recorded(0, "/wheel", 0, make.number(1.0)), 0)
     return path
@@ -72,8 +73,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "images").mkdir()
     (folder / "images" / "frame_000000_cam.jpg").write_bytes(JPEG)
     inspect(folder / "rec.mcap", repair=folder / "repaired.mcap", write_rig=folder / "rig.yaml")
-    for name, format in (("sim.bag", "ros1"), ("sim", "sqlite3"), ("sim.mcap", "mcap")):
-        simulate(folder / name, format)  # type: ignore[arg-type]
+    for name in ("sim.bag", "sim.mcap"):
+        simulate(folder / name)
     return folder
 
 
@@ -91,7 +92,6 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("repaired.mcap", "repaired"),
         ("rig.yaml", "text"),
         ("sim.bag", "simulated"),
-        ("sim", "simulated"),
         ("rec.mcap", None),
         ("rec", None),
     ],
@@ -114,12 +114,9 @@ def test_what_is_cut_or_changed_is_not_lidcam_s(results: Path, tmp_path: Path, n
     assert recognised(path) == [] or name == "sim.bag"
 
 
-def test_what_only_looks_like_it_is_not_lidcam_s(results: Path, tmp_path: Path) -> None:
+def test_what_only_looks_like_it_is_not_lidcam_s(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     assert recognised(tmp_path / "pipe") == []
-    shutil.copytree(results / "sim", tmp_path / "sim")
-    (tmp_path / "sim" / "sim.db3-wal").touch()
-    assert recognised(tmp_path / "sim") == []
     (tmp_path / "empty").mkdir()
     assert recognised(tmp_path / "empty") == ["Images"]  # nothing is lost with it
     for library in ("lidcam", "another"):
@@ -159,7 +156,7 @@ def test_results_are_replaced_and_an_edited_layout_is_not(results: Path, tmp_pat
 def test_each_command_replaces_only_its_own(results: Path, tmp_path: Path) -> None:
     files = folder_of(results, tmp_path)
     inspect(files / "rec.mcap", write_rig=files / "rig.yaml", repair=files / "repaired.mcap")
-    simulate(files / "sim", "sqlite3")
+    simulate(files / "sim.bag")
     with (files / "rig.yaml").open("a") as file:
         file.write("# measured by hand\n")
     with pytest.raises(OutputError, match=REFUSED):
@@ -167,10 +164,10 @@ def test_each_command_replaces_only_its_own(results: Path, tmp_path: Path) -> No
     with pytest.raises(OutputError, match=REFUSED):
         inspect(files / "rec.mcap", repair=files / "out.mcap")
     with pytest.raises(OutputError, match=REFUSED):
-        simulate(files / "rec", "sqlite3")
+        simulate(files / "rec.bag")
     assert (files / "rig.yaml").read_text().endswith("# measured by hand\n")
-    simulate(files / "rec", "sqlite3", overwrite=True)
-    assert recognised(files / "rec") == ["simulated"]
+    simulate(files / "rec.bag", overwrite=True)
+    assert recognised(files / "rec.bag") == ["simulated"]
 
 
 def test_no_output_is_an_input(results: Path, tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ def test_a_section_names_its_keys() -> None:
     [
         ("classes.size_m", "classes.*.size_m"),
         ("classes.0.size_m", "classes.*.size_m"),
-        ("velodyne.topics./a.model", "velodyne.topics.*.model"),
+        ("rig.zones.a.use", "rig.zones.*.use"),
     ],
 )
 def test_elements_of_lists_and_mappings(key: str, full: str) -> None:

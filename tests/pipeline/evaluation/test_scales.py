@@ -6,13 +6,10 @@ from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
 from lidcam.pipeline.evaluation.scales import (
     is_flip,
     length_scales,
-    nuscenes_ranges_m,
     range_edges_m,
     range_names,
     range_rows,
 )
-
-NUSCENES = Config(evaluate=EvaluateConfig(distances="nuscenes"))
 
 
 def test_distances_are_as_long_as_the_class() -> None:
@@ -20,13 +17,6 @@ def test_distances_are_as_long_as_the_class() -> None:
     scales = dict(zip(names, length_scales(Config()), strict=True))
     assert scales["car"] == 1
     assert scales["pedestrian"] == pytest.approx(0.15)
-    assert set(length_scales(NUSCENES)) == {1.0}
-
-
-def test_nuscenes_evaluates_its_own_classes_up_to_a_range() -> None:
-    config = Config()
-    odd = config.model_copy(update={"classes": (config.classes[0], config.classes[1].model_copy(update={"name": "x"}))})
-    assert nuscenes_ranges_m(odd).tolist() == [50, 0]
 
 
 def test_ranges_are_as_long_as_the_first_class() -> None:

@@ -13,7 +13,7 @@ from velodyne import SCAN, START_NS, TOPIC, assert_as_judged, judged, random_pac
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import CalibrationError, ConfigError, MessageError
 from lidcam.pipeline.core.messages import Drop
-from lidcam.pipeline.core.settings.recording import VelodyneLidarConfig
+from lidcam.pipeline.core.settings.recording import VelodyneConfig
 from lidcam.readers.velodyne.decoder import VelodyneDecoder, read_velodyne_calibration
 from lidcam.readers.velodyne.models import MODELS
 from lidcam.readers.velodyne.scan import parse_velodyne_scan
@@ -24,7 +24,7 @@ HDL64 = {"HDL-64E S2": "HDL64e_s2.yaml", "HDL-64E S3": "HDL64e_s3.yaml"}
 
 
 def decoder(name: str = "auto", calibration: Path | str = "") -> VelodyneDecoder:
-    return VelodyneDecoder(VelodyneLidarConfig.model_validate({"model": name, "calibration": str(calibration)}))
+    return VelodyneDecoder(VelodyneConfig.model_validate({"model": name, "calibration": str(calibration)}))
 
 
 def calibration_file(name: str) -> Path:

@@ -2,16 +2,14 @@
 
 import os
 import pty
-import select
 import signal
-import termios
 from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any
 
 import pytest
 
-from lidcam.bags.simulator.drive.driving import Pressed, RemoteControl, TerminalKeys, terminal_keys
+from lidcam.bags.simulator.drive.driving import RemoteControl, terminal_keys
 from lidcam.bags.simulator.vehicles.ackermann import KEY_COMMANDS, AckermannCommand, commands_of_keys
 
 FORWARD, STOP = AckermannCommand(0.3, 0.0), AckermannCommand(0.0, 0.0)
@@ -59,35 +57,6 @@ def terminal() -> Iterator[Terminal]:
     for descriptor in (user, program):
         with suppress(OSError):
             os.close(descriptor)
-
-
-def read(keys: TerminalKeys, program: int, count: int) -> Pressed:
-    """Read until a number of keys has come: the system hands them over on its own time."""
-    found = Pressed("", False)
-    while len(found.keys) < count:
-        select.select([program], [], [])
-        more = keys.pressed(1)
-        found = Pressed(found.keys + more.keys, more.ended)
-    return found
-
-
-def test_keys_come_without_enter_or_echo_until_ctrl_d(terminal: Terminal) -> None:
-    user, program = terminal
-    with terminal_keys(program) as keys:
-        assert keys.pressed(0) == ("", False)
-        os.write(user, b"wad")
-        assert read(keys, program, 3) == ("wad", False)
-        assert not termios.tcgetattr(program)[3] & (termios.ECHO | termios.ICANON)
-        os.write(user, b"w\x04")
-        assert read(keys, program, 2) == ("w\x04", True)
-
-
-def test_the_terminal_is_restored_after_an_error(terminal: Terminal) -> None:
-    _, program = terminal
-    before = termios.tcgetattr(program)
-    with pytest.raises(RuntimeError, match="anything"), terminal_keys(program):
-        raise RuntimeError("anything")
-    assert termios.tcgetattr(program) == before
 
 
 def test_a_lost_terminal_ends_the_input(terminal: Terminal) -> None:

@@ -11,12 +11,9 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from lidcam.bags.simulator.recorder.files import (
-    FORMATS,
-    RecordingFormat,
     WriteMessage,
-    format_of,
     recording_file,
-    recording_outputs,
+    recording_names,
     ros_version_of,
 )
 from lidcam.bags.simulator.recorder.messages import (
@@ -41,10 +38,10 @@ from lidcam.readers.messages.vision.detections2d import decode_detections2d
 from lidcam.readers.open import open_recording
 from lidcam.readers.velodyne.scan import parse_velodyne_scan
 from lidcam.writers.outputs.marks import is_unchanged_text
+from lidcam.writers.outputs.transaction import OutputTransaction
 
 START_NS = 1_700_000_000 * 10**9
 STAMP_NS = 2_345_678_901
-NAMES = {"ros1": "a.bag", "sqlite3": "a", "mcap": "a.mcap"}
 TEXTS = {"rig.yaml": "site_frame: site\n", "scenario.yaml": "world: sandbox\n"}
 K = np.array([[50.0, 0, 31.5], [0, 51.0, 23.5], [0, 0, 1]])
 MODEL = CameraModel("cam", 64, 48, K, "plumb_bob", np.array([-0.1, 0.02, 0, 0, 0]))
@@ -84,20 +81,20 @@ def all_messages(make: MessageFactory) -> dict[str, Any]:
 
 
 @contextmanager
-def recording_at(path: Path, format: RecordingFormat) -> Iterator[WriteMessage]:
+def recording_at(path: Path) -> Iterator[WriteMessage]:
     rig, scenario = TEXTS.values()
     with (
-        recording_outputs(path, format) as outputs,
-        recording_file(outputs, path, format, rig_yaml=rig, scenario_yaml=scenario) as write,
+        OutputTransaction(recording_names(path)) as outputs,
+        recording_file(outputs, path, rig_yaml=rig, scenario_yaml=scenario) as write,
     ):
         yield write
 
 
-@pytest.fixture(scope="module", params=FORMATS)
+@pytest.fixture(scope="module", params=["a.bag", "a.mcap"])
 def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("recording") / NAMES[request.param]
-    make = MessageFactory(ros_version_of(request.param), START_NS)
-    with recording_at(path, request.param) as write:
+    path: Path = tmp_path_factory.mktemp("recording") / request.param
+    make = MessageFactory(ros_version_of(path), START_NS)
+    with recording_at(path) as write:
         for number, (topic, message) in enumerate(all_messages(make).items()):
             write(make.recorded(STAMP_NS + number, topic, STAMP_NS, message, latched=topic == "/tf_static"), START_NS)
     return path
@@ -187,36 +184,7 @@ def test_other_readers_read_every_message_and_the_true_calibration(recording: Pa
         assert found.split("\n", 1)[1] == text  # below the mark
 
 
-def test_a_folder_that_is_no_recording_is_kept(tmp_path: Path) -> None:
-    files = {"a": {"thesis.txt"}, "b": {"metadata.yaml", "b.db3/mine"}, "c": {"metadata.yaml", "thesis.txt"}}
-    for folder, names in files.items():
-        for name in names:
-            (tmp_path / folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (tmp_path / folder / name).write_text("mine")
-        with (
-            pytest.raises(OutputError, match="exists and holds something other than a ROS 2 recording"),
-            recording_at(tmp_path / folder, "sqlite3"),
-        ):
-            pass
-        assert {str(one.relative_to(tmp_path / folder)) for one in (tmp_path / folder).rglob("*")} >= names
-
-
-@pytest.mark.parametrize(
-    ("name", "wanted", "format"),
-    [
-        ("a.bag", None, "ros1"),
-        ("a.mcap", None, "mcap"),
-        ("a", None, "sqlite3"),
-        ("a", "ros1", "ros1"),
-        ("a.recording", "mcap", "mcap"),
-        ("a.txt", None, None),
-        ("a.bag", "mcap", None),
-        ("a.mcap", "sqlite3", None),
-    ],
-)
-def test_the_name_says_the_format(name: str, wanted: RecordingFormat | None, format: RecordingFormat | None) -> None:
-    if format is not None:
-        assert format_of(Path(name), wanted) == format
-        return
-    with pytest.raises(OutputError, match=f"{name}: expected"):
-        format_of(Path(name), wanted)
+def test_the_name_says_the_format() -> None:
+    assert [ros_version_of(Path(name)) for name in ("a.bag", "a.mcap")] == [1, 2]
+    with pytest.raises(OutputError, match=r"a\.txt: expected a name that ends in \.bag \(ROS 1\) or \.mcap \(ROS 2\)"):
+        ros_version_of(Path("a.txt"))

@@ -60,11 +60,10 @@ def stamp_ns(message: Any) -> int:
 
 
 def sums(path: Path) -> str:
-    files = [path] if path.is_file() else sorted(path.iterdir())
-    return "".join(hashlib.sha256(file.read_bytes()).hexdigest() for file in files)
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-@pytest.mark.parametrize(("name", "workers"), [("out.bag", 3), ("out.mcap", 1), ("folder", 1)])
+@pytest.mark.parametrize(("name", "workers"), [("out.bag", 3), ("out.mcap", 1)])
 def test_same_seed_same_bytes_whatever_the_workers(simulate: Simulate, name: str, workers: int) -> None:
     first = sums(simulate(name, duration=0.35))
     assert sums(simulate(name, workers=workers, duration=0.35)) == first

@@ -2,10 +2,7 @@ import numpy as np
 import pytest
 
 from lidcam.bags.simulator.scenario.sensors import LidarScenario
-from lidcam.bags.simulator.sensors.beams import Beams, VelodynePattern, pattern_of
-from lidcam.readers.velodyne.models import MODELS, built_in_table
-
-VELODYNES = ["VLP-16", "Puck Hi-Res", "HDL-32E", "VLP-32A", "VLP-32C"]
+from lidcam.bags.simulator.sensors.beams import Beams, pattern_of
 
 
 def scenario(model: str = "VLP-16", **settings: object) -> LidarScenario:
@@ -16,30 +13,6 @@ def scenario(model: str = "VLP-16", **settings: object) -> LidarScenario:
 def azimuth_deg(beams: Beams) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     """Clockwise from the front."""
     return np.asarray(np.rad2deg(np.arctan2(-beams.directions[..., 1], beams.directions[..., 0])))
-
-
-@pytest.mark.parametrize(
-    ("model", "mode"), [*((model, "dual") for model in VELODYNES), ("VLP-16", "strongest"), ("VLP-32C", "strongest")]
-)
-def test_a_velodyne_fires_whole_packets_turn_by_turn(model: str, mode: str) -> None:
-    pattern = pattern_of(scenario(model, phase_ms=30.0, rate_hz=20.0, start_azimuth_deg=90.0, return_mode=mode))
-    assert isinstance(pattern, VelodynePattern)
-    facts = MODELS[model]
-    packet_ns = facts.column_us * 1000 * (6 if mode == "dual" else 12)
-    first = 0
-    for number in range(30):
-        packets, beams = pattern.packets(number), pattern.beams(number)
-        assert packets.start == first
-        first = packets.stop
-        nominal_ns = 30e6 + number * 50e6
-        assert nominal_ns - 1 <= pattern.begin_ns(number) < nominal_ns + packet_ns + 1
-        assert beams.times_ns[0, 0] == pattern.begin_ns(number)
-        assert pattern.begin_ns(number + 1) > beams.times_ns.max()
-        assert beams.times_ns.shape == (len(packets) * (6 if mode == "dual" else 12) * 32 // facts.lasers, facts.lasers)
-        turned_deg = 360 * (beams.times_ns[0, 0] - 30e6) / 50e6 + 90
-        offset_deg = np.rad2deg(built_in_table(model).azimuth_offset_rad[0])
-        assert (azimuth_deg(beams)[0, 0] + offset_deg - turned_deg + 180) % 360 - 180 == pytest.approx(0, abs=1e-6)
-    np.testing.assert_allclose(np.linalg.norm(beams.directions, axis=-1), 1, atol=1e-12)
 
 
 def test_a_linear_lidar_is_evenly_spread() -> None:

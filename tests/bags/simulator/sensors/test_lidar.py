@@ -13,7 +13,7 @@ from lidcam.bags.simulator.world.scene import Scene
 from lidcam.pipeline.core.arrays import F64, I64
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.geometry.transform import Transform
-from lidcam.pipeline.core.settings.recording import VelodyneLidarConfig
+from lidcam.pipeline.core.settings.recording import VelodyneConfig
 from lidcam.readers.velodyne.decoder import VelodyneDecoder
 
 EXACT: dict[str, Any] = {"range_noise_m": 0.0, "dropout": 0.0}
@@ -45,7 +45,7 @@ def times_ns(sweep: Sweep) -> I64:
 
 def decode(sweep: Sweep) -> PointCloud:
     assert sweep.packets is not None
-    return VelodyneDecoder(VelodyneLidarConfig())(scan(sweep.packets.payload, sweep.packets.stamps_ns))
+    return VelodyneDecoder(VelodyneConfig())(scan(sweep.packets.payload, sweep.packets.stamps_ns))
 
 
 def yard() -> Scene:

@@ -25,22 +25,6 @@ def driven(start: State, command: AckermannCommand, seconds: float, step_s: floa
     return states
 
 
-def circle(states: list[State]) -> tuple[float, float, float]:
-    """Centre and radius of the circle that fits best (Kasa's method)."""
-    xy = np.array([(state.x_m, state.y_m) for state in states])
-    (a, b, c), *_ = np.linalg.lstsq(np.c_[2 * xy, np.ones(len(xy))], (xy**2).sum(1))
-    return float(a), float(b), math.sqrt(c + a * a + b * b)
-
-
-@pytest.mark.parametrize(("steering", "speed"), [(0.05, 4.0), (0.6, -1.5), (-0.3, 4.0), (-0.6, -1.5)])
-def test_the_rear_axle_goes_round_a_circle_of_wheel_base_by_tangent(steering: float, speed: float) -> None:
-    states = driven(State(1.0, 2.0, 0.5, speed, steering), AckermannCommand(speed, steering), 5)
-    x, y, radius = circle(states)
-    assert radius == pytest.approx(CAR.wheel_base_m / math.tan(abs(steering)), rel=1e-6)
-    left_m = CAR.wheel_base_m / math.tan(steering)
-    assert (x, y) == pytest.approx((1.0 - left_m * math.sin(0.5), 2.0 + left_m * math.cos(0.5)), abs=1e-5)
-
-
 @pytest.mark.parametrize("step_s", [0.001, 1.0])
 def test_an_arc_is_exact_whatever_the_step(step_s: float) -> None:
     end = driven(State(0.0, 0.0, 0.0, 3.0, 0.4), AckermannCommand(3.0, 0.4), 10, step_s)[-1]

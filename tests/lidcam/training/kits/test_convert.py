@@ -21,12 +21,11 @@ import yaml
 torch = pytest.importorskip("torch", reason="needs the extra train")
 
 from kit_networks import CONFIGS, MMDET3D, MOST, OPENPCDET, RANGE, KitNet
-from onnx_files import FLOAT, _node, _tensor, _value, write_model
 from typer.testing import CliRunner
 
 import lidcam
 from lidcam.cli import app
-from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.detectors.onnx.session import OnnxSession
 from lidcam.pipeline.detectors.pillars.kits import KitNetwork
@@ -35,7 +34,6 @@ from lidcam.training.kits.model import Data
 
 SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 NOTHING = Data(None, None)
-INT32 = 6
 
 
 def points() -> F64:
@@ -71,7 +69,7 @@ def python(value: object) -> str:
 
 def load(content: bytes, path: Path) -> KitNetwork:
     path.write_bytes(content)
-    return KitNetwork(path, OnnxSession(path, threads=1, provider="cpu"))
+    return KitNetwork(path, OnnxSession(path))
 
 
 @pytest.mark.parametrize("name", CONFIGS)
@@ -238,68 +236,6 @@ def test_files_that_are_no_checkpoints(
     with pytest.raises(ModelError, match=message):
         converted(tmp_path / "net.pth", None, NOTHING)
     assert not (tmp_path / "ran").exists()
-
-
-def exported(path: Path, inputs: tuple[str, str, str], outputs: dict[str, F32]) -> Path:
-    """An exported network whose outputs are constant."""
-    node = [
-        _node("ReduceMean", [inputs[0]], "mean"),
-        _node("Sub", ["mean", "mean"], "zeros"),
-        _node("Reshape", ["zeros", "one"], "zero"),
-        *(_node("Add", [f"{name}.held", "zero"], name) for name in outputs),
-    ]
-    constants = [_tensor(f"{name}.held", one, FLOAT) for name, one in outputs.items()]
-    constants.append(_tensor("one", np.array([1]), 7))
-    values = [(("voxels", 4, 4), FLOAT), (("voxels",), INT32), (("voxels", 4), INT32)]
-    stated = [_value(name, shape, kind) for name, (shape, kind) in zip(inputs, values, strict=True)]
-    return write_model(path, node, constants, stated, [_value(name, one.shape, FLOAT) for name, one in outputs.items()])
-
-
-@pytest.mark.parametrize(
-    ("config", "inputs", "outputs", "axes"),
-    [
-        (MMDET3D, ("voxels", "num_points", "coors"), ("cls_score0", "bbox_pred0", "dir_cls_pred0"), (0, 1, 2, 3)),
-        (
-            OPENPCDET,
-            ("voxels", "voxel_num_points", "voxel_coords"),
-            ("cls_preds", "box_preds", "dir_cls_preds"),
-            (0, 2, 3, 1),
-        ),
-    ],
-)
-def test_exported_networks(
-    tmp_path: Path,
-    config: dict[str, Any],
-    inputs: tuple[str, str, str],
-    outputs: tuple[str, str, str],
-    axes: tuple[int, ...],
-) -> None:
-    """One car: at the first anchor of column 3 and row 5 of the output, a tenth of its diagonal further along x."""
-    numbers = [np.full((1, 4 * count, 8, 8), fill, np.float32) for count, fill in ((2, -9), (7, 0), (2, 0))]
-    numbers[0][0, 0, 5, 3] = 2.0
-    numbers[1][0, 0, 5, 3], numbers[1][0, 6, 5, 3] = 0.1, 0.3
-    numbers[2][0, 1, 5, 3] = 1.0
-    held = {name: np.ascontiguousarray(one.transpose(axes)) for name, one in zip(outputs, numbers, strict=True)}
-    form = "json" if config is MMDET3D else "yaml"
-    made = converted(exported(tmp_path / "kit.onnx", inputs, held), written(tmp_path, config, form), Data(0.0, 1.0))
-    found = load(made.content, tmp_path / "net.onnx")(points()[:, :3], points()[:, 3].astype(np.float32), 0.0)
-    further = 0.1 * np.hypot(3.9, 1.6)
-    place = (3.5 + further, 1.5) if config is MMDET3D else (3 * 8 / 7 + further, 5 * 8 / 7 - 4)
-    np.testing.assert_allclose(found.centers, [[*place, -1.78 + 0.78]], atol=1e-5)
-    np.testing.assert_allclose(found.sizes, [[3.9, 1.6, 1.56]], rtol=1e-5)
-    np.testing.assert_allclose(np.cos(found.yaws - 0.3), -1 if config is MMDET3D else 1, atol=1e-5)
-    assert found.classes.tolist() == [0]
-
-
-def test_exported_networks_of_other_layouts(tmp_path: Path) -> None:
-    config = written(tmp_path, MMDET3D, "json")
-    file = exported(tmp_path / "kit.onnx", ("voxels", "voxel_num", "voxel_idxs"), {"cls": np.zeros((1, 2), np.float32)})
-    with pytest.raises(
-        ModelError, match=r"expected PointPillars with voxels, num_points, coors -> cls_score0, .* or .*"
-    ):
-        converted(file, config, NOTHING)
-    with pytest.raises(ModelError, match="an exported network needs its configuration"):
-        converted(file, None, NOTHING)
 
 
 def test_the_command(tmp_path: Path) -> None:

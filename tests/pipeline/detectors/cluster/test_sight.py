@@ -6,7 +6,7 @@ from lidar_scene import Box, combined, rig, scan
 
 from lidcam.pipeline.core.arrays import F64, I64
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.detectors.cluster.sight import MAX_NEARER_SHARE, MIN_HIDDEN_SHARE, SECTOR_RAD, SECTORS, Sight
+from lidcam.pipeline.detectors.cluster.detector import MAX_NEARER_SHARE, MIN_HIDDEN_SHARE, SECTOR_RAD, SECTORS, Sight
 from lidcam.pipeline.stages.detect3d import Detect3D
 
 LIDAR = (0.0, 0.0, 1.8)

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import shared
 from onnx_files import DOUBLE, write_yolox
 from onnx_networks import write_network
 
@@ -32,9 +31,9 @@ def image(height: int, width: int, rgb: tuple[int, int, int] = (0, 0, 0)) -> U8:
     return np.full((height, width, 3), rgb, np.uint8)
 
 
-def detector(path: Path, threads: int = 1) -> OnnxDetector2D:
+def detector(path: Path) -> OnnxDetector2D:
     """A network that is given whole images in its own size, and of which every box is wanted."""
-    return OnnxDetector2D(path, Detect2DConfig(threads=threads, input=SIZE_PX[::-1], min_score=0))
+    return OnnxDetector2D(path, Detect2DConfig(input=SIZE_PX[::-1], min_score=0))
 
 
 @pytest.mark.parametrize("channel", [0, 2])
@@ -134,16 +133,6 @@ def test_other_files_are_refused_in_one_line(
     assert "\n" not in message
     assert len(message) < 600
     assert capfd.readouterr() == ("", ""), "the reason is raised, not printed"
-
-
-def test_real_network_does_not_depend_on_threads() -> None:
-    path = shared("weights/yolox_nano.onnx")
-    noise = np.random.default_rng(0).integers(0, 255, (375, 1242, 3), np.uint8)
-    settings = (Detect2DConfig(threads=threads) for threads in (1, 2, 1))
-    (one,), (two,), (again,) = (OnnxDetector2D(path, one)([noise]) for one in settings)
-    for expected, *others in zip(one, two, again, strict=True):
-        for other in others:
-            np.testing.assert_array_equal(other, expected)
 
 
 def test_what_a_network_is_taken_for_is_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -108,13 +108,7 @@ def shares(count: int) -> Array:
 CASES = {
     "YOLOX": Case("yolox", {"output0": f32(boxes(CELLS), scores(CELLS, 5))}, with_objectness, "top_left"),
     "YOLOv5": Case("yolov5", {"output0": f32(boxes(3 * CELLS), scores(3 * CELLS, 5))}, with_objectness),
-    "YOLOv5 with a fourth grid": Case(
-        "yolov5", {"output0": f32(boxes(3 * CELLS + 3), scores(3 * CELLS + 3, 5))}, with_objectness
-    ),
     "YOLOv8": Case("yolov8", {"output0": f32(boxes(CELLS), scores(CELLS, 4)).T.copy()}, of_columns),
-    "YOLOv8 with a finer grid": Case(
-        "yolov8", {"output0": f32(boxes(CELLS + 384), scores(CELLS + 384, 4)).T.copy()}, of_columns
-    ),
     "end to end": Case(
         "end_to_end",
         {"output0": f32(xyxy(50), RNG.permutation(np.linspace(0, 1, 50))[:, None], RNG.integers(0, 4, (50, 1)))},

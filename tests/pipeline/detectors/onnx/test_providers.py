@@ -6,9 +6,9 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-import onnx_models
 import onnxruntime
 import pytest
+from onnx_files import write_yolox
 
 from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.core.settings.config import Config
@@ -42,13 +42,16 @@ def install(monkeypatch: pytest.MonkeyPatch, *, name: str = CUDA, is_sound: bool
     return registered
 
 
+SIZE_PX = (64, 64)
+
+
 def network(folder: Path) -> Path:
-    onnx_models._network(folder / "a.onnx", [])
+    write_yolox(folder / "a.onnx", np.zeros((84, 85), np.float32), size_px=SIZE_PX)
     return folder / "a.onnx"
 
 
 def load(folder: Path, provider: Provider) -> OnnxSession:
-    return OnnxSession(network(folder), threads=1, provider=provider)
+    return OnnxSession(network(folder), provider=provider)
 
 
 def test_providers_that_are_built_in() -> None:
@@ -107,7 +110,7 @@ def test_a_network_runs_on_the_device_of_a_plug_in(
     install(monkeypatch, name=CPU, is_sound=True)
     session = load(tmp_path, provider)
     assert session.provider == "cuda"
-    images = np.zeros((1, 3, *onnx_models.SIZE_PX), np.float32)
+    images = np.zeros((1, 3, *SIZE_PX), np.float32)
     (on_device,) = session.run({session.inputs[0][0]: images}, 1)
     (expected,) = load(tmp_path, "cpu").run({session.inputs[0][0]: images}, 1)
     np.testing.assert_array_equal(on_device, expected)
@@ -122,5 +125,5 @@ def test_both_networks_get_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
     decided = with_device(config)
     assert (decided.detect2d.provider, decided.detect3d.provider) == ("cuda", "cuda")
     assert with_device(Config()) == Config(), "the processor, unless asked for"
-    assert OnnxSession(EMBEDDED["traffic"], threads=1, provider=decided.detect3d.provider).provider == "cuda"
+    assert OnnxSession(EMBEDDED["traffic"], provider=decided.detect3d.provider).provider == "cuda"
     assert providers.PLUGIN == "onnxruntime_ep_cuda"

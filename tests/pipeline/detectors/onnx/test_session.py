@@ -1,17 +1,16 @@
-"""Networks that would run without end, fill the memory or read other files give one line; so do outputs of no use."""
+"""Networks that would fill the memory give one line; so do outputs of no use."""
 
 from pathlib import Path
-from random import Random
 
 import numpy as np
-import onnx_models
 import pytest
-from onnx_files import FLOAT, _node, _tensor, _value, write_model
+from onnx_files import FLOAT, _node, _tensor, _value, write_model, write_yolox
 
 from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.core.settings.detect import Detect2DConfig
-from lidcam.pipeline.detectors.onnx import session
 from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
+
+SIZE_PX, BIAS = (64, 64), np.zeros((84, 85), np.float32)
 
 
 def load(path: Path, **settings: object) -> OnnxDetector2D:
@@ -25,14 +24,7 @@ def said_of(path: Path, **settings: object) -> str:
     return str(caught.value)
 
 
-def test_a_loop_without_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session, "MAX_SECONDS", 0.2)
-    onnx_models._loop(tmp_path / "a.onnx", Random(0))
-    assert "it did not end within 0.2 s" in said_of(tmp_path / "a.onnx")
-
-
 def test_the_memory_of_a_network_is_bounded(tmp_path: Path) -> None:
-    rows = onnx_models.ROWS
     nodes = [
         _node("ReduceMean", ["images"], "mean", axes=[1, 2, 3], keepdims=0),
         _node("ConstantOfShape", ["shape"], "huge"),  # 5 GiB
@@ -41,21 +33,22 @@ def test_the_memory_of_a_network_is_bounded(tmp_path: Path) -> None:
         _node("Unsqueeze", ["sum"], "column", axes=[1, 2]),
         _node("Add", ["column", "bias"], "output0"),
     ]
-    constants = [_tensor("bias", np.zeros((1, rows, 85), np.float32), FLOAT)]
+    constants = [_tensor("bias", BIAS[None], FLOAT)]
     constants.append(_tensor("shape", np.array([1 << 14, 1 << 14, 5], np.int64), 7))
-    images, output = _value("images", (1, 3, *onnx_models.SIZE_PX), FLOAT), _value("output0", (1, rows, 85), FLOAT)
+    images, output = _value("images", (1, 3, *SIZE_PX), FLOAT), _value("output0", (1, *BIAS.shape), FLOAT)
     said = said_of(write_model(tmp_path / "a.onnx", nodes, constants, [images], [output]))
     assert "the network fails on a batch of 1: " in said
 
 
-@pytest.mark.parametrize("shape", [(1, 3, 1 << 15, 1 << 15), (4096, 3, 4096, 64), ("N", 3, (1 << 31) - 32, 64)])
-def test_images_of_absurd_size(tmp_path: Path, shape: tuple[int | str, ...]) -> None:
-    onnx_models._network(tmp_path / "a.onnx", [], _value("images", shape, FLOAT))
+@pytest.mark.parametrize(
+    ("batch", "size_px"), [(1, (1 << 15, 1 << 15)), (4096, (4096, 64)), ("N", ((1 << 31) - 32, 64))]
+)
+def test_images_of_absurd_size(tmp_path: Path, batch: int | str, size_px: tuple[int, int]) -> None:
+    write_yolox(tmp_path / "a.onnx", BIAS, size_px=size_px, batch=batch)
     assert "GiB, expected at most 0.5 GiB" in said_of(tmp_path / "a.onnx")
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_outputs_that_are_no_numbers(tmp_path: Path, value: float) -> None:
-    bias = _tensor("bias", np.full((1, onnx_models.ROWS, 85), value, np.float32), FLOAT)
-    onnx_models._network(tmp_path / "a.onnx", [], bias=bias)
+    write_yolox(tmp_path / "a.onnx", np.full_like(BIAS, value), size_px=SIZE_PX)
     assert "found an output that is not finite" in said_of(tmp_path / "a.onnx")

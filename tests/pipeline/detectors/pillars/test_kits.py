@@ -24,7 +24,6 @@ CAR: Box = (8.2, -3.1, 0.8, 4.2, 1.75, 1.5, 2.5)
 LIDAR = (0.0, 0.0, 1.8)
 SPECS: dict[str, Any] = {
     "classes": [{"name": "Pedestrian"}, {"name": "car"}],
-    "layout": "points",
     "features": ["x", "y", "z", "intensity", "dx_mean", "dy_mean", "dz_mean", "dx_cell", "dy_cell", "dz_cell"],
     "max_points": 2,
     "grid": {"low_m": [0, -8, -3], "high_z_m": 1, "cell_m": [0.5, 0.25], "cells": [32, 64]},
@@ -82,7 +81,6 @@ def test_boxes_stand_on_the_ground_that_was_found(tmp_path: Path, lidar_xy: tupl
             [0.0, 0.0],
             "`lidcam train convert` wrote, found metadata with a fault: feat",
         ),
-        ({"layout": "voxels"}, [0.0, 0.0], "or other inputs: convert it anew"),
         ({"classes": [{"name": "tram"}]}, [0.0, 0.0], "finds tram; expected one that is a class"),
         ({"features": ["x", "y", "z"]}, [0.0, 0.0], "the network fails"),
         ({}, [0.0], r"expected finite numbers \(K, 8\) and \(K, 2\), found others"),

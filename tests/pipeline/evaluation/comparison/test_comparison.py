@@ -150,7 +150,6 @@ def test_what_is_told_of_an_object_that_differs_for_a_while() -> None:
     assert told["place"] == list(CARS[1][:3])
     assert told["kinds"]["turned"] == {"frames": 5, "largest": pytest.approx(7)}
     assert told["kinds"]["relabelled"] == {"frames": 2, "largest": None}
-    assert tree["differences"]["largest"]["turned"]["frame"] == 6
     assert tree["sources"]["fused"]["car"]["turned"] == 5
 
 

@@ -45,7 +45,6 @@ def test_equal_to_trying_every_threshold(rows: list[tuple[int, bool]], missed: i
     if points:
         assert counts["f1"] == pytest.approx(points[-1]["f1"])
         assert counts["precision"] == pytest.approx(points[-1]["precision"])
-    assert counts["best_f1_score"] == figures["best_f1"]["score"]
 
 
 def test_thresholds_by_source_and_class() -> None:

@@ -57,7 +57,6 @@ def test_each_true_object_is_found_once() -> None:
     # the higher score is right, though it is farther away
     assert both["errors"]["position_bev_m"]["mean"] == pytest.approx(0.2)
     assert (both["precision"], both["recall"], both["f1"], both["false_per_frame"]) == (0.5, 1.0, 2 / 3, 1.0)
-    assert (both["best_f1"], both["best_f1_score"]) == (1.0, pytest.approx(0.9))
 
 
 @pytest.mark.parametrize(("class_id", "max_m"), [(CAR, 2), (VAN, 4)])

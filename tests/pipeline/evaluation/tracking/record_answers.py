@@ -3,10 +3,8 @@
 Not run by the tests: the judges bring libraries that do not go together with those of lidcam. To run it again:
 
     python -m venv judges && judges/bin/pip install trackeval==1.3.0 motmetrics==1.4.0
-    python -m venv devkit && devkit/bin/pip install nuscenes-devkit==1.2.0 motmetrics==1.4.0 pandas
     cd tests/pipeline/evaluation/tracking
     PYTHONPATH=../../../support ../../../../judges/bin/python record_answers.py trackeval motmetrics
-    PYTHONPATH=../../../support ../../../../devkit/bin/python record_answers.py nuscenes
 """
 
 import json
@@ -110,38 +108,6 @@ def ask_motmetrics(cases: dict[str, TrackCase]) -> Answer:
     return answers
 
 
-def ask_nuscenes(cases: dict[str, TrackCase]) -> Answer:
-    data_classes = import_module("nuscenes.eval.tracking.data_classes")
-    factory = import_module("nuscenes.eval.common.config").config_factory
-    evaluate = import_module("nuscenes.eval.tracking.evaluate")
-    config = factory("tracking_nips_2019")
-    answers = {}
-    for name, case in cases.items():
-        scores: dict[int, list[float]] = {}
-        for rows in case.found:
-            for row in rows:
-                scores.setdefault(row.track, []).append(row.score)
-
-        def box(row: True_ | Found, score: float) -> Any:
-            return data_classes.TrackingBox(
-                translation=(row.x, row.y, 0.0),
-                size=(WIDTH_M, LENGTH_M, 1.5),
-                rotation=(1.0, 0.0, 0.0, 0.0),
-                tracking_id=str(row.track),
-                tracking_name="car",
-                tracking_score=score,
-            )
-
-        truth = {k: [box(row, -1.0) for row in rows] for k, rows in enumerate(case.truth)}
-        found = {k: [box(row, float(np.mean(scores[row.track]))) for row in rows] for k, rows in enumerate(case.found)}
-        judge = evaluate.TrackingEval.__new__(evaluate.TrackingEval)
-        judge.cfg, judge.verbose, judge.output_dir, judge.render_classes = config, False, None, None
-        judge.tracks_gt, judge.tracks_pred = {"scene": truth}, {"scene": found}
-        metrics, _ = judge.evaluate()
-        answers[name] = {key: number(metrics.label_metrics[key]["car"]) for key in ("amota", "amotp")}
-    return answers
-
-
 def number(value: Any) -> float | None:
     return None if isnan(value) else float(value)
 
@@ -149,7 +115,6 @@ def number(value: Any) -> float | None:
 JUDGES: dict[str, tuple[Callable[[dict[str, TrackCase]], Answer], tuple[str, ...]]] = {
     "trackeval": (ask_trackeval, ("trackeval", "numpy", "scipy")),
     "motmetrics": (ask_motmetrics, ("motmetrics", "numpy", "scipy")),
-    "nuscenes": (ask_nuscenes, ("nuscenes-devkit", "motmetrics", "numpy", "scipy")),
 }
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Figures of tracks are those that TrackEval, motmetrics and the devkit of nuScenes give."""
+"""Figures of tracks are those that TrackEval and motmetrics give."""
 
 import json
 from functools import cache
@@ -85,13 +85,6 @@ def test_clear_is_that_of_motmetrics(name: str) -> None:
     keys += ("mostly_tracked", "partially_tracked", "mostly_lost", "mota", "motp")
     for figure, key in zip((*COUNTS, "mota", "motp_m"), keys, strict=True):
         assert ours[figure] == pytest.approx(theirs[key], abs=TOLERANCE), figure
-
-
-@pytest.mark.parametrize("name", sorted(SOME - TIES))
-def test_amota_is_that_of_nuscenes(name: str) -> None:
-    ours, theirs = figures_of(name)["distance"], said("nuscenes")[name]
-    assert ours["amota"] == pytest.approx(theirs["amota"], abs=TOLERANCE)
-    assert ours["amotp_m"] == pytest.approx(theirs["amotp"], abs=TOLERANCE)
 
 
 def test_hota_of_all_classes_is_that_of_trackeval() -> None:

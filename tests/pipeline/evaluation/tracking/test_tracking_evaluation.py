@@ -79,7 +79,6 @@ def test_a_perfect_track() -> None:
     assert (figures["track_frames_mean"], figures["track_s_mean"]) == (10, pytest.approx(0.9))
     assert (figures["first_match_s_mean"], figures["never_matched"]) == (0, 0)
     assert figures["match_distance_m"] == 2
-    assert figures["distance"] == {"amota": 1, "amotp_m": 0}
 
 
 def test_a_class_without_objects_has_figures_that_are_not_defined() -> None:
@@ -87,19 +86,7 @@ def test_a_class_without_objects_has_figures_that_are_not_defined() -> None:
     assert figures["match_distance_m"] == pytest.approx(2 * 11.5 / 4)
     undefined = {name for name, value in figures.items() if value is None}
     assert {"hota", "hota_iou", "loc_a", "mota", "motp_m", "idf1", "recall", "track_s_mean"} <= undefined
-    assert figures["distance"] == {"amota": None, "amotp_m": None}
     assert figures["misses"] == figures["false_positives"] == figures["truth_tracks"] == 0
-
-
-def test_with_the_distances_of_nuscenes_its_ranges_hold_for_its_figures() -> None:
-    config = Config(evaluate=EvaluateConfig(distances="nuscenes"))
-    truth = truth_boxes([car(30), car(60), car(49)], [5, 1, 9])
-    found = source_boxes([car(30), car(70), car(51)], [2, 3, 4], scores=[0.5, 0.5, 0.5])
-    figures = fused([frame_of(0, truth, {"fused": found})], config)
-    assert "distance" not in figures
-    assert errors(figures) == {"misses": 2, "false_positives": 2}
-    # Two objects within 50 m, one found: the recalls up to 0.5 are reached, 18 of 40.
-    assert figures["nuscenes"]["amota"] == pytest.approx(18 / 40)
 
 
 def test_flips_are_turns_that_the_object_does_not_make() -> None:
@@ -197,7 +184,6 @@ def test_classes_are_kept_apart_and_their_counts_summed() -> None:
     total = fused(frames, name="all")
     assert errors(total) == {"misses": 4, "false_positives": 4}
     assert (total["mota"], total["idf1"], total["truth_tracks"]) == (0, 0.5, 2)
-    assert total["distance"]["amota"] == pytest.approx(0.5)
     assert total["match_distance_m"] is None
 
 
@@ -273,6 +259,5 @@ def test_counts_add_up_wherever_the_site_lies(crowd: list[list[tuple[Any, ...]]]
         mistakes = here["misses"] + here["false_positives"] + here["id_switches"]
         assert here["mota"] == pytest.approx(1 - mistakes / truth)
         assert 0 <= here["hota"] <= max(here["det_a"], here["ass_a"]) + 1e-9
-        assert 0 <= here["distance"]["amota"] <= 1
     for name in ("misses", "false_positives", "id_switches", "idf1", "mota", "hota", "heading_flips"):
         assert there[name] == pytest.approx(here[name]), name

@@ -128,10 +128,3 @@ def test_what_was_long_ago_fades() -> None:
     learn(recall, views("cam", [60.0] * 10, [True] * 10), SURE, times=1000)
     learn(recall, views("cam", [60.0] * 10, [False] * 10), SURE, times=int(MAX_COUNTED) // 10)
     assert 0.2 < plain(recall, "cam", 60) < 0.6
-
-
-def test_a_recall_that_is_set_is_not_learned() -> None:
-    recall = RecallCounts(["cam"], 0.5)
-    learn(recall, views("cam", [300.0], [True]), SURE, times=50)
-    assert plain(recall, "cam", 300) == pytest.approx(0.5)
-    assert plain(recall, "cam", 5) == pytest.approx(0.5 * PRIOR_RECALL[0] / PRIOR_RECALL[-1])

@@ -5,9 +5,7 @@ import pytest
 from meshes import open_edges
 
 from lidcam.bags.simulator.world.mesh import Mesh
-from lidcam.bags.simulator.world.places.crossing import MAST_TOP_M
 from lidcam.bags.simulator.world.places.places import World, ground_height, static_mesh
-from lidcam.bags.simulator.world.places.sandbox import NORTH_CAMERAS, SOUTH_CAMERAS
 from lidcam.bags.simulator.world.rays import Rays
 from lidcam.bags.simulator.world.scene import Scene
 
@@ -20,13 +18,6 @@ def without_ground(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices, mesh.triangles[kept], mesh.materials[kept], mesh.palette)
 
 
-def rays_from(
-    origin: tuple[float, float, float], directions: np.ndarray[tuple[int, int], np.dtype[np.float64]]
-) -> Rays:
-    n = len(directions)
-    return Rays(np.tile(np.array(origin), (n, 1)), directions, np.zeros(n, np.int64))
-
-
 @pytest.mark.parametrize("world", WORLDS)
 def test_worlds_are_built_of_closed_bodies_on_a_ground(world: World) -> None:
     mesh = static_mesh(world)
@@ -35,26 +26,6 @@ def test_worlds_are_built_of_closed_bodies_on_a_ground(world: World) -> None:
     assert np.isfinite(mesh.vertices).all()
     static_mesh.cache_clear()
     np.testing.assert_array_equal(static_mesh(world).vertices, mesh.vertices)
-
-
-@pytest.mark.parametrize(("origin", "heading_deg"), [*NORTH_CAMERAS, *SOUTH_CAMERAS])
-def test_cameras_of_the_sandbox_look_past_their_mast(origin: tuple[float, float, float], heading_deg: float) -> None:
-    turn = np.deg2rad(heading_deg + np.linspace(-32, 32, 65))
-    tilt = np.deg2rad(-18)
-    down = np.stack([np.cos(turn) * np.cos(tilt), np.sin(turn) * np.cos(tilt), np.full(65, np.sin(tilt))], 1)
-    distance = Scene(static_mesh("sandbox"), []).cast(rays_from(origin, down)).distance_m
-    assert (distance > 0.5).mean() > 0.85
-
-
-@pytest.mark.parametrize("z", [MAST_TOP_M + 0.1, 6.5])
-def test_sensors_stand_free_above_the_masts_of_the_crossing(z: float) -> None:
-    scene = Scene(static_mesh("crossing"), [])
-    turn = np.linspace(-np.pi, np.pi, 181)[:-1]
-    down = np.deg2rad(-15)
-    directions = np.stack([np.cos(turn) * np.cos(down), np.sin(turn) * np.cos(down), np.full(180, np.sin(down))], 1)
-    for x in (-9.5, 9.5):
-        for y in (-9.5, 9.5):
-            assert scene.cast(rays_from((x, y, z), directions)).distance_m.min() > 1.0
 
 
 @pytest.mark.parametrize("world", ["crossing", "street"])
