@@ -48,6 +48,7 @@ EXCEPTIONS = {
     r"lidcam demo\b": "make demo, which the gate needs, runs it",
     r"lidcam train ": "takes minutes: tests/lidcam/training learns from a few worlds",
     r".*s3://": "needs a bucket: test_object_store has one on this machine",
+    r"lidcam evaluate .*--truth dataset/": "needs a result of one lidar: tests/readers/truth reads such labels",
     r"lidcam batch .*--(engine ray|address) ": "needs a cluster: tests/lidcam/batches/test_ray.py starts one",
     r".*--(install|show)-completion": "asks which shell it is called from: test_calling does that",
 }
