@@ -54,18 +54,15 @@ def check_file_size(path: Location, unpacked: int, packed: int, limits: Recordin
         )
 
 
-def check_complete(unpacked: Unpacked, compression: str) -> None:
-    """Refuse data that lack their end.
-
-    Raises:
-        EOFError: the end is missing.
-    """
-    if not unpacked.complete:
-        raise EOFError(f"its {compression} data end early")
-
-
 def unpack(
-    stream: BinaryIO, position: int, end: int, compression: str, *, largest: int, size: int | None = None
+    stream: BinaryIO,
+    position: int,
+    end: int,
+    compression: str,
+    *,
+    largest: int,
+    size: int | None = None,
+    may_be_cut: bool = False,
 ) -> Unpacked:
     """The content of the lz4 or bz2 data that begin at `position` and end before `end`; at most `largest` bytes.
 
@@ -73,6 +70,7 @@ def unpack(
 
     Raises:
         ValueError: they unpack to more.
+        EOFError: they lack their end, and may not.
         OSError: bz2 found damage.
         RuntimeError: lz4 found damage.
     """
@@ -92,6 +90,8 @@ def unpack(
         parts.append(decompressor.decompress(piece, at_once))
         total += len(parts[-1])
         check_chunk_size(total, largest)
+    if not (decompressor.eof or may_be_cut):
+        raise EOFError(f"its {compression} data end early")
     used = stream.tell() - position - len(decompressor.unused_data or b"")
     return Unpacked(parts[0] if len(parts) == 1 else b"".join(parts), used, decompressor.eof)
 

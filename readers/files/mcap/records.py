@@ -15,7 +15,7 @@ from mcap.opcode import Opcode
 from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.files.chunked import Entry
 from lidcam.readers.files.container import read_exactly
-from lidcam.readers.files.decompress import check_chunk_size, check_complete, unpack
+from lidcam.readers.files.decompress import check_chunk_size, unpack
 
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of the content
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
@@ -113,9 +113,7 @@ def read_chunk_head(stream: BinaryIO) -> ChunkHead:
 def _unpacked(stream: BinaryIO, head: ChunkHead, largest: int) -> bytes:
     if head.compression == "lz4":
         end, size = head.position + head.size, head.uncompressed_size
-        unpacked = unpack(stream, head.position, end, "lz4", largest=largest, size=size)
-        check_complete(unpacked, "lz4")
-        return unpacked.data
+        return unpack(stream, head.position, end, "lz4", largest=largest, size=size).data
     stream.seek(head.position)
     data = read_exactly(stream, head.size)
     if head.compression == "":

@@ -25,7 +25,6 @@ from lidcam.readers.files.pcap.udp import (
     UNKNOWN_LINK,
     Datagram,
     Reassembly,
-    Udp,
     find_fragment,
     find_udp,
 )
@@ -76,11 +75,9 @@ class PcapFile(Container):
             time_ns = packet.time_ns
             if time_ns >= 0:
                 first_ns, last_ns = min(first_ns, time_ns), max(last_ns, time_ns)
-            found: Datagram | Udp | str | None = find_udp(packet.head, packet.size, packet.link_type)
+            found: Datagram | str | None = find_udp(packet.head, packet.position, packet.size, packet.link_type)
             if found == FRAGMENTS and (part := find_fragment(packet.head, packet.size, packet.link_type)):
                 found = fragments.add(part, packet.position, packet.head)
-            elif isinstance(found, Udp):
-                found = Datagram(found.source, found.port, [(packet.position + found.data_at, found.size)])
             if found is not None:
                 others.update(filter(None, [found if isinstance(found, str) else self._add(found, time_ns)]))
         others[FRAGMENTS] += fragments.close()

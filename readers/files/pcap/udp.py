@@ -16,13 +16,12 @@ NOT_UDP = "not_udp"
 UNKNOWN_LINK = "unknown_link"
 
 
-class Udp(NamedTuple):
-    """A UDP packet."""
+class Datagram(NamedTuple):
+    """A UDP packet, captured whole or put together from fragments."""
 
     source: bytes  # Address of the sender, 4 bytes
     port: int  # Destination port
-    data_at: int  # Offset of its data in the captured packet
-    size: int  # Bytes of its data
+    pieces: list[tuple[int, int]]  # Places and sizes in the file of its data
 
 
 class Fragment(NamedTuple):
@@ -35,11 +34,11 @@ class Fragment(NamedTuple):
     size: int  # Number of its bytes
 
 
-def find_udp(head: bytes, captured: int, link_type: int) -> Udp | str:
-    """The UDP packet in a packet of `captured` bytes, whose first ones are `head`; or one of the kinds above."""
+def find_udp(head: bytes, position: int, captured: int, link_type: int) -> Datagram | str:
+    """The UDP packet in one of `captured` bytes at `position` that begins with `head`; or one of the kinds above."""
     try:
         at = _ipv4_begin(head, link_type)
-        return at if isinstance(at, str) else _udp(head, at, captured)
+        return at if isinstance(at, str) else _udp(head, at, position, captured)
     except IndexError:
         return CUT_SHORT
 
@@ -80,7 +79,7 @@ def _ipv4_begin(head: bytes, link_type: int) -> int | str:
     return at if kind == IPV4 else NOT_IPV4
 
 
-def _udp(head: bytes, at: int, captured: int) -> Udp | str:
+def _udp(head: bytes, at: int, position: int, captured: int) -> Datagram | str:
     """The UDP packet in the IPv4 packet that begins at `at`."""
     if _u16(head, at + 6) & 0x3FFF:  # more fragments, or not the first one
         return FRAGMENTS
@@ -91,19 +90,11 @@ def _udp(head: bytes, at: int, captured: int) -> Udp | str:
     port, size = _u16(head, at + 2), _u16(head, at + 4) - 8
     if size < 0 or at + 8 + size > captured:
         return CUT_SHORT
-    return Udp(source, port, at + 8, size)
+    return Datagram(source, port, [(position + at + UDP_HEADER_BYTES, size)])
 
 
 MAX_OPEN = 256
 """Packets of which fragments may be missing at a time."""
-
-
-class Datagram(NamedTuple):
-    """A UDP packet put together from fragments."""
-
-    source: bytes  # Address of the sender, 4 bytes
-    port: int  # Destination port
-    pieces: list[tuple[int, int]]  # Places and sizes in the file of its data
 
 
 class Reassembly:

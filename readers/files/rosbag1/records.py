@@ -75,11 +75,6 @@ class Record(NamedTuple):
         """An unsigned field."""
         return int.from_bytes(self.fields[name], "little")
 
-    @property
-    def time_ns(self) -> int:
-        """The time of a message."""
-        return self.time_of(b"time")
-
     def time_of(self, name: bytes) -> int:
         """A field that is a time, in nanoseconds."""
         seconds, nanoseconds = struct.unpack("<II", self.fields[name])

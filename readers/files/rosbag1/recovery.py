@@ -7,7 +7,7 @@ from typing import BinaryIO
 from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.files.chunked import ChunkPlace
 from lidcam.readers.files.damage import Losses
-from lidcam.readers.files.decompress import check_complete, check_file_size, compression_of, unpack
+from lidcam.readers.files.decompress import check_file_size, compression_of, unpack
 from lidcam.readers.files.rosbag1.index import ChunkData, Contents, channel_of
 from lidcam.readers.files.rosbag1.records import (
     CHUNK,
@@ -150,11 +150,9 @@ class _Scan:
         bounded = not reaches_end and self._read(record.end) is not None
         limit, largest = record.end if bounded else self._end, self._limits.max_chunk_bytes
         with self._losses.guard() as damage:
-            unpacked = unpack(self._stream, record.data, limit, compression, largest=largest)
+            unpacked = unpack(self._stream, record.data, limit, compression, largest=largest, may_be_cut=reaches_end)
             self._unpacked += len(unpacked.data)
             check_file_size(self._losses.path, self._unpacked, self._end, self._limits)
-            if not reaches_end:
-                check_complete(unpacked, compression)
             records = contents_of_chunk(unpacked.data, self._limits)
         if damage.error:
             reason = f"a chunk that does not unpack ({damage.reason})"
@@ -190,7 +188,7 @@ class _Scan:
         """Add a chunk, or a run of messages that are not compressed."""
         self._found[self._part] += len(messages)
         if messages:
-            times, ids = [m.time_ns for m in messages], Counter(m.number(b"conn") for m in messages)
+            times, ids = [m.time_of(b"time") for m in messages], Counter(m.number(b"conn") for m in messages)
             place = ChunkPlace(
                 min(times), position, max(times), frozenset(ids), data.position + data.size - position, len(messages)
             )

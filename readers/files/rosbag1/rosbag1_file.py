@@ -12,7 +12,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import I64
 from lidcam.readers.files.chunked import ChunkedFile, ChunkPlace, Entry
 from lidcam.readers.files.container import read_exactly
-from lidcam.readers.files.decompress import check_chunk_size, check_complete, unpack
+from lidcam.readers.files.decompress import check_chunk_size, unpack
 from lidcam.readers.files.rosbag1.index import contents_of_index
 from lidcam.readers.files.rosbag1.records import INDEX, MESSAGE, MESSAGE_BEGIN, UINT32, contents_of_chunk, read_record
 from lidcam.readers.files.rosbag1.recovery import contents_of_scan
@@ -52,11 +52,15 @@ class Rosbag1File(ChunkedFile):
             check_chunk_size(data.size, largest)
             self._stream.seek(data.position)
             return read_exactly(self._stream, data.size)
-        end, size = data.position + data.size, data.unpacked_size
-        unpacked = unpack(self._stream, data.position, end, data.compression, largest=largest, size=size)
-        if not data.is_cut:
-            check_complete(unpacked, data.compression)
-        return unpacked.data
+        return unpack(
+            self._stream,
+            data.position,
+            data.position + data.size,
+            data.compression,
+            largest=largest,
+            size=data.unpacked_size,
+            may_be_cut=data.is_cut,
+        ).data
 
     def _entries_in(self, position: int, records: bytes) -> list[Entry]:
         entries: list[Entry] = []
@@ -69,7 +73,7 @@ class Rosbag1File(ChunkedFile):
         if at == end and len(entries) <= self._limits.max_messages_per_chunk:  # nothing but messages
             return entries
         return [
-            Entry(record.time_ns, position, record.data, record.size, record.number(b"conn"))
+            Entry(record.time_of(b"time"), position, record.data, record.size, record.number(b"conn"))
             for record in contents_of_chunk(records, self._limits)
             if record.kind == MESSAGE
         ]

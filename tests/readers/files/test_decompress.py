@@ -24,9 +24,11 @@ def test_a_frame_that_is_whole_cut_off_or_altered(compression: str) -> None:
     frame = packed(data, compression)
     for size in (None, 0, len(data), 10**12):  # the size in the file may be wrong
         assert unpack(BytesIO(frame), 0, len(frame), compression, largest=1 << 21, size=size).data == data
-    cut = unpack(BytesIO(frame), 0, len(frame) * 9 // 10, compression, largest=1 << 21)
+    cut = unpack(BytesIO(frame), 0, len(frame) * 9 // 10, compression, largest=1 << 21, may_be_cut=True)
     assert data.startswith(cut.data)
     assert not cut.complete
+    with pytest.raises(EOFError, match=f"its {compression} data end early"):
+        unpack(BytesIO(frame), 0, len(frame) * 9 // 10, compression, largest=1 << 21)
     altered = bytearray(frame)
     altered[len(frame) // 2] ^= 1
     with pytest.raises((OSError, RuntimeError)):

@@ -10,7 +10,7 @@ from velodyne import START_NS, random_packets
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.readers.files.pcap.udp import CUT_SHORT, FRAGMENTS, NOT_IPV4, NOT_UDP, UNKNOWN_LINK, Udp, find_udp
+from lidcam.readers.files.pcap.udp import CUT_SHORT, FRAGMENTS, NOT_IPV4, NOT_UDP, UNKNOWN_LINK, Datagram, find_udp
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.open import open_recording
 
@@ -24,9 +24,9 @@ def with_flags(flags: int) -> bytes:
     return IPV4[:6] + struct.pack(">H", flags) + IPV4[8:]
 
 
-def found(packet: bytes, link_type: int = 1, captured: int | None = None) -> Udp | str:
+def found(packet: bytes, link_type: int = 1, captured: int | None = None) -> Datagram | str:
     captured = len(packet) if captured is None else captured
-    return find_udp(packet[: min(captured, 160)], captured, link_type)
+    return find_udp(packet[: min(captured, 160)], 0, captured, link_type)
 
 
 @pytest.mark.parametrize(
@@ -48,9 +48,10 @@ def found(packet: bytes, link_type: int = 1, captured: int | None = None) -> Udp
 )
 def test_ipv4_on_every_link(packet: bytes, link_type: int) -> None:
     udp = found(packet, link_type)
-    assert isinstance(udp, Udp)
+    assert isinstance(udp, Datagram)
     assert (udp.source, udp.port) == (bytes([192, 168, 1, 201]), 2368)
-    assert packet[udp.data_at : udp.data_at + udp.size] == DATA
+    [(data_at, size)] = udp.pieces
+    assert packet[data_at : data_at + size] == DATA
 
 
 @pytest.mark.parametrize(
