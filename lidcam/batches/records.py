@@ -13,6 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from lidcam.batches.jobs import BatchJob, files_of
 from lidcam.outputs.bucket import Bucket
 from lidcam.outputs.written import WrittenFile, written_file
+from lidcam.pipeline.core.text import brief
 from lidcam.readers.files.remote import open_remote
 from lidcam.readers.location import Location, RemotePath
 from lidcam.run.summary import RunSummary
@@ -163,3 +164,25 @@ def record_of(text: bytes) -> JobRecord | None:
         return RECORD.validate_json(text, strict=True) if is_unchanged_text(text.decode()) else None
     except (ValidationError, UnicodeDecodeError):
         return None
+
+
+@dataclass(frozen=True, slots=True)
+class BatchResult:
+    """A batch that has ended.
+
+    Attributes:
+        records: What became of each recording, in the order of their names; those that were not started are missing.
+        count: Number of recordings that were found.
+        table: The Parquet file with these records.
+    """
+
+    records: tuple[JobRecord, ...]
+    count: int
+    table: str
+
+    __repr__ = brief
+
+    @property
+    def failed(self) -> tuple[JobRecord, ...]:
+        """The records of the recordings without a result; `message` says why."""
+        return tuple(record for record in self.records if record.state == "failed")

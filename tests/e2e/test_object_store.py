@@ -162,7 +162,7 @@ def test_a_batch_from_and_to_a_bucket(lidcam: Lidcam, fleet: Fleet, store: Objec
     assert (job["name"], job["state"], job["frames"]) == ("day/drive", "done", 4)
     made = [name.removeprefix("logs/results/") for name in fleet.names() if name.startswith("logs/results/")]
     results = [f"day/drive.{ending}" for ending in ("foxglove.json", "mcap", "parquet")]
-    assert made == [".lidcam-batch/day/drive.json", "_jobs.parquet", *results, "old.mcap"]
+    assert made == [".lidcam-batch/day/drive.json", "_jobs.parquet", *results, "index.html", "old.mcap"]
     table = pq.read_table(io.BytesIO(fleet["logs/results/_jobs.parquet"]))
     assert table.column("state").to_pylist() == ["done"]
     store.fail("PUT /fleet/logs/results/day", times=1)

@@ -1,4 +1,4 @@
-"""Tables and plain values of the verdicts of a rig check."""
+"""A run that checks its rig: progress, tables, and plain values of the verdicts."""
 
 from typing import Any
 
@@ -7,9 +7,12 @@ from rich.console import Console
 
 from lidcam.checks.calibration.rig_check import SCALES, RigCheck
 from lidcam.cli.printing.folding import show_line, show_table
+from lidcam.cli.printing.running import ShownProgress
 from lidcam.cli.printing.tables import ColumnsTable
 from lidcam.pipeline.calibration.camera_error import MIN_PAIRS, MIN_TRACKS
 from lidcam.pipeline.core.arrays import F64, Bools
+from lidcam.run.frame import Frame
+from lidcam.run.frames import RunInput
 
 VALUES = ("pitch_deg", "yaw_deg", "roll_deg", "x_m", "y_m", "z_m", "time_ms")
 """Errors of a camera: rotation about x, y, z of its optical frame, translation along them, delay of its images."""
@@ -17,6 +20,25 @@ VALUES = ("pitch_deg", "yaw_deg", "roll_deg", "x_m", "y_m", "z_m", "time_ms")
 LIDAR_VALUES = ("about_x_deg", "about_y_deg", "about_z_deg", "x_m", "y_m", "z_m")
 
 NOT_JUDGED = "not judged"
+
+
+class CheckedRun(ShownProgress):
+    """Shows the progress of a run that checks its rig.
+
+    Attributes:
+        check: The check, once the recording is open.
+    """
+
+    check: RigCheck
+
+    def opened(self, source: RunInput) -> None:
+        """Begin with the rig of the recording."""
+        self.check = RigCheck(source.rig, source.config)
+        super().opened(source)
+
+    def frame(self, result: Frame) -> None:
+        """Check a frame."""
+        self.check.add_frame(result)
 
 
 def print_check(out: Console, check: RigCheck) -> None:

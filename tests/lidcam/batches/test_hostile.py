@@ -13,8 +13,7 @@ from written_jobs import Written
 from lidcam.batches.jobs import RECORDS, BatchJob, find_jobs
 from lidcam.batches.records import JobRecord, record_of, record_text
 from lidcam.batches.run import BatchOptions, run_batch
-from lidcam.batches.store import Store
-from lidcam.batches.table import records_table
+from lidcam.batches.store import Store, records_table
 from lidcam.outputs.written import WrittenFile
 from lidcam.readers.location import RemotePath
 from lidcam.run.job import Job

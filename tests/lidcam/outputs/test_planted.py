@@ -11,8 +11,7 @@ from written_jobs import Written
 
 from lidcam.batches.jobs import RECORDS, find_jobs
 from lidcam.batches.run import BatchOptions, run_batch
-from lidcam.batches.store import Store
-from lidcam.batches.table import TABLE, records_table
+from lidcam.batches.store import TABLE, Store, records_table
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.run.job import Job
 from lidcam.writers.outputs.transaction import OutputTransaction
