@@ -50,20 +50,10 @@ def open_mcap(opening: Opening) -> ResultWriter:
 
 
 def open_rerun(opening: Opening) -> ResultWriter:
-    """The Rerun recording."""
-    return _rerun(opening, opening.file)
-
-
-def open_view(opening: Opening) -> ResultWriter:
-    """The Rerun viewer."""
-    return _rerun(opening, None)
-
-
-def _rerun(opening: Opening, output: OutputFile | None) -> ResultWriter:
+    """The Rerun recording, or the viewer, which is no output."""
     with without_rerun_variables():
         from lidcam.writers.rerun.writer import RerunResultWriter  # loads Rerun, which takes half a second
-
-    source = opening.source
+    source, output = opening.source, opening.outputs.get(opening.path)
     decode = partial(decode_any_image, limits=source.config.limits)
     return RerunResultWriter(output, source.rig, source.config, opening.provenance, decode_any_image=decode)
 

@@ -7,6 +7,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from lidcam.cli.printing.console import print_remarks, print_warnings
 from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.numbers import NONE, number, percent, share, signed
 from lidcam.cli.printing.tables import ColumnsTable, rows_table
@@ -44,10 +45,8 @@ def print_evaluation(out: Console, evaluation: Evaluation, *, everything: bool =
     if evaluation.outcomes:
         out.print()
         show_table(out, _requirements_table(evaluation.outcomes))
-    for note in evaluation.notes:
-        show_line(out, f"note: {note}")
-    for warning in evaluation.warnings:
-        show_line(out, f"warning: {warning}", "yellow")
+    print_remarks(out, (), evaluation.notes)
+    print_warnings(out, evaluation.warnings)
 
 
 def _short_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:

@@ -6,6 +6,7 @@ import numpy as np
 from rich.console import Console
 
 from lidcam.checks.calibration.rig_check import SCALES, RigCheck
+from lidcam.cli.printing.console import print_warnings
 from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.running import ShownProgress
 from lidcam.cli.printing.tables import ColumnsTable
@@ -47,13 +48,9 @@ def print_check(out: Console, check: RigCheck) -> None:
     for one in check.cameras:
         cells = [NOT_JUDGED] if one.error is None else _cells(one.error.values, one.error.sigmas, one.significant)
         cameras.add_row(one.camera.name, str(one.pair_count), str(one.track_count), *cells)
+    headings = map(_heading, LIDAR_VALUES)
     lidars = ColumnsTable(
-        "lidars against each other",
-        "lidar",
-        "against",
-        "points",
-        *map(_heading, LIDAR_VALUES),
-        text_columns=("against",),
+        "lidars against each other", "lidar", "against", "points", *headings, text_columns=("against",)
     )
     for first, second, error, significant in check.lidars:
         matches = "0" if error is None else str(error.matches)
@@ -70,8 +67,7 @@ def print_check(out: Console, check: RigCheck) -> None:
             f"{MIN_TRACKS} tracks; 2D boxes are recorded or come from --model-2d",
             "dim",
         )
-    for warning in check.warnings:
-        show_line(out, f"warning: {warning}", "yellow")
+    print_warnings(out, check.warnings)
 
 
 def check_tree(check: RigCheck) -> dict[str, Any]:

@@ -96,7 +96,7 @@ def make_page(path: Path, show: Progress = not_shown, *, film: str = "") -> str:
             residual_tables=_page_tables(own_tables(tree)),
             dropped_tables=sections.dropped(summary),
             origin_tables=[
-                *sections.origin(seen, summary, metadata, result.rig.sensor_of_topic),
+                *sections.origin(seen, result),
                 _versions(result),
             ],
             checksums=sections.checksums(metadata, path.name, evaluation.inputs[0].tree()["sha256"] or ""),
