@@ -30,7 +30,7 @@ from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.pipeline.tracking.trackers import object_tracker
 from lidcam.readers.input_file import InputFile, InputFiles, read_input_file
 from lidcam.readers.open import open_recording
-from lidcam.readers.recording import ReadOptions, Recording
+from lidcam.readers.recording import ReadOptions
 from lidcam.readers.rig.discovery import Discovery, discover_rig
 from lidcam.readers.streams.motion import find_motion_source
 from lidcam.readers.streams.per_sensor import sensor_messages
@@ -357,14 +357,11 @@ def _workers(source: RunInput) -> int:
     return 1
 
 
-def _share(recording: Recording, log_time_ns: int) -> float:
-    """Share of a recording that was logged by a time, 0 to 1."""
-    return (log_time_ns - recording.start_ns) / max(recording.end_ns - recording.start_ns, 1)
-
-
 def _advance(run: Run, inputs: InputFiles, observer: RunObserver) -> None:
     progress = run.progress
-    inputs.read_up_to(_share(run.source.recording, progress.log_time_ns))
+    recording = run.source.recording
+    logged_ns, all_ns = progress.log_time_ns - recording.start_ns, recording.end_ns - recording.start_ns
+    inputs.read_up_to(logged_ns / max(all_ns, 1))
     observer.advanced(progress)
 
 

@@ -157,18 +157,7 @@ def process_batch(
 ) -> BatchResult:
     """Process many recordings, as `lidcam.batch` says.
 
-    Args:
-        recordings: Recordings, folders, patterns, URLs, `@list.txt`.
-        out: Folder of the results.
-        jobs: Recordings at once.
-        engine: Processes on this machine, or tasks of Ray.
-        address: Of a Ray cluster.
-        outputs: Options of `lidcam process` that name further outputs, `--rerun`.
-        save_matches: Whether images of matches are written.
-        overwrite: Whether results that are up to date are made anew.
-        fail_fast: Whether nothing else is started after a failure.
-        watch: Shows the progress.
-        **options: As in `lidcam.process`.
+    `outputs` are the options of `lidcam process` that name further outputs (`--rerun`); `watch` shows the progress.
 
     Raises:
         LidcamError: the settings, the rig or an output is at fault, or there are no recordings.

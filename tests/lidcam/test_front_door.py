@@ -134,10 +134,6 @@ def test_what_is_not_known_is_one_line(tmp_path: Path) -> None:
         lidcam.simulate("sandbx", tmp_path / "out.bag")
 
 
-def test_the_sample_can_be_read() -> None:
-    assert lidcam.sample().samefile(SANDBOX)
-
-
 @pytest.mark.parametrize("library", ["pandas", "polars", "pyarrow"])
 def test_tables(run: lidcam.RunResult, library: str, monkeypatch: pytest.MonkeyPatch) -> None:
     objects = run.objects
