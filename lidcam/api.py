@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Literal, Unpack
 
 from lidcam.bags import SAMPLE
-from lidcam.batches.records import JobRecord
-from lidcam.batches.result import BatchResult
+from lidcam.batches.records import BatchResult, JobRecord
 from lidcam.evaluation.compare import ComparedResults, compare_results
 from lidcam.evaluation.evaluate import evaluate_result
 from lidcam.evaluation.evaluation import Evaluation, as_texts, make_evaluation_job
@@ -254,7 +253,7 @@ def batch(
         LidcamError: the settings, the rig or the folder are at fault, or there are no recordings. What is wrong with a
             recording is in its record.
     """
-    from lidcam.batches.start import WatchBatch, not_watched, process_batch  # with pyarrow
+    from lidcam.batches.run import WatchBatch, not_watched, process_batch  # with pyarrow
 
     watch: WatchBatch = not_watched
     if progress:

@@ -20,7 +20,7 @@ from lidcam.checks.no_objects import ObjectCheck
 from lidcam.outputs.allowed import check_no_input
 from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
 from lidcam.outputs.open import how_to_open, make_pages, open_outputs, open_writers, written_files
-from lidcam.outputs.provenance import input_files, provenance_of, read_named_files
+from lidcam.outputs.provenance import input_files, provenance_of
 from lidcam.outputs.writers import drawn_scenes
 from lidcam.pipeline.core.errors import ConfigError, RecordingError, short_memory_told
 from lidcam.pipeline.core.frame import FrameResult, SensorBundle
@@ -28,16 +28,16 @@ from lidcam.pipeline.parallel.cores import usable_cores
 from lidcam.pipeline.parallel.process import WorkerProcess, copied_workers
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.pipeline.tracking.trackers import object_tracker
-from lidcam.readers.input_file import InputFile, InputFiles
+from lidcam.readers.input_file import InputFile, InputFiles, read_input_file
 from lidcam.readers.open import open_recording
-from lidcam.readers.recording import ReadOptions, Recording
+from lidcam.readers.recording import ReadOptions
 from lidcam.readers.rig.discovery import Discovery, discover_rig
 from lidcam.readers.streams.motion import find_motion_source
 from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.run.box_sources import KnownBoxes, box_source, boxes_2d_words, check_box_source, engine_3d
 from lidcam.run.build import build_graph, decided, shared_results
 from lidcam.run.choice import use_settings
-from lidcam.run.effect import settings_sha256
+from lidcam.run.effect import named_files, settings_sha256
 from lidcam.run.first_look import corrected_by_recording
 from lidcam.run.frame import Frame
 from lidcam.run.frames import (
@@ -93,7 +93,7 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunSumma
             is left behind.
     """
     observer = observer or RunObserver()
-    named = read_named_files(job)
+    named = {key: read_input_file(path) for key, path in named_files(job.config).items()}
     with ExitStack() as views, open_outputs(job) as outputs, opened(job) as run:
         written = written_files(job)
         with ExitStack() as stack:
@@ -357,14 +357,11 @@ def _workers(source: RunInput) -> int:
     return 1
 
 
-def _share(recording: Recording, log_time_ns: int) -> float:
-    """Share of a recording that was logged by a time, 0 to 1."""
-    return (log_time_ns - recording.start_ns) / max(recording.end_ns - recording.start_ns, 1)
-
-
 def _advance(run: Run, inputs: InputFiles, observer: RunObserver) -> None:
     progress = run.progress
-    inputs.read_up_to(_share(run.source.recording, progress.log_time_ns))
+    recording = run.source.recording
+    logged_ns, all_ns = progress.log_time_ns - recording.start_ns, recording.end_ns - recording.start_ns
+    inputs.read_up_to(logged_ns / max(all_ns, 1))
     observer.advanced(progress)
 
 

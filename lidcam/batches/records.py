@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from importlib.metadata import version
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from lidcam.batches.jobs import BatchJob, files_of
 from lidcam.outputs.bucket import Bucket
 from lidcam.outputs.written import WrittenFile, written_file
+from lidcam.pipeline.core.text import brief
 from lidcam.readers.files.remote import open_remote
 from lidcam.readers.location import Location, RemotePath
 from lidcam.run.summary import RunSummary
@@ -21,8 +22,6 @@ from lidcam.writers.outputs.marks import is_unchanged_text, marked_json
 END_BYTES = 1 << 16
 
 State = Literal["begun", "done", "incomplete", "failed", "busy"]
-Count = Annotated[int, Field(ge=0, lt=1 << 63)]
-Number = Annotated[float, Field(ge=0, lt=1e9)]
 
 EXIT_CODES = {"done": 0, "incomplete": 3}
 """Exit codes of jobs that have results."""
@@ -37,19 +36,19 @@ class JobRecord:
     key: str  # Digest of recording, settings, rig, network and version; equal keys have equal results
     state: State  # `begun`: an earlier batch was killed while it ran; `busy`: another batch is running it
     # As `lidcam process` would exit; negative: ended by that signal; None while it has none
-    exit_code: Annotated[int, Field(ge=-64, le=255)] | None = None
+    exit_code: int | None = None
     message: str = ""  # The line of error, or of what was incomplete
     # Its results by the name of the file, relative to the folder of the batch
     outputs: Mapping[str, WrittenFile] | None = None
-    frames: Count = 0  # Number of frames
-    objects: Mapping[str, Count] | None = None  # Fused objects of all frames, by class
-    road_users: Mapping[str, Count] | None = None  # Road users by class; None where nothing is tracked
-    dropped: Count = 0  # Messages that were not used
-    skew_max_ms: Number | None = None  # Largest spread of the stamps in a frame; None without frames
-    lacking: Mapping[str, Count] | None = None  # Frames without a sensor that was recorded, by sensor
-    processor_s: Number = 0.0  # Processor time of the job with all its processes, seconds
-    wall_s: Number = 0.0  # Duration, seconds
-    peak_mib: Number = 0.0  # Largest memory of one of its processes
+    frames: int = 0  # Number of frames
+    objects: Mapping[str, int] | None = None  # Fused objects of all frames, by class
+    road_users: Mapping[str, int] | None = None  # Road users by class; None where nothing is tracked
+    dropped: int = 0  # Messages that were not used
+    skew_max_ms: float | None = None  # Largest spread of the stamps in a frame; None without frames
+    lacking: Mapping[str, int] | None = None  # Frames without a sensor that was recorded, by sensor
+    processor_s: float = 0.0  # Processor time of the job with all its processes, seconds
+    wall_s: float = 0.0  # Duration, seconds
+    peak_mib: float = 0.0  # Largest memory of one of its processes
     sha256: Sequence[str] = ()  # Checksums of the inputs that were read in full, in order
     settings: str = ""  # Name of the settings
     settings_sha256: str = ""  # Checksum of the settings that affect the result
@@ -165,3 +164,25 @@ def record_of(text: bytes) -> JobRecord | None:
         return RECORD.validate_json(text, strict=True) if is_unchanged_text(text.decode()) else None
     except (ValidationError, UnicodeDecodeError):
         return None
+
+
+@dataclass(frozen=True, slots=True)
+class BatchResult:
+    """A batch that has ended.
+
+    Attributes:
+        records: What became of each recording, in the order of their names; those that were not started are missing.
+        count: Number of recordings that were found.
+        table: The Parquet file with these records.
+    """
+
+    records: tuple[JobRecord, ...]
+    count: int
+    table: str
+
+    __repr__ = brief
+
+    @property
+    def failed(self) -> tuple[JobRecord, ...]:
+        """The records of the recordings without a result; `message` says why."""
+        return tuple(record for record in self.records if record.state == "failed")

@@ -1,17 +1,21 @@
-"""The folder of a batch, local or in an object store: its results, and the records of its jobs."""
+"""The folder of a batch, local or in an object store: its results, the records of its jobs, and the table of them."""
 
 import logging
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO
 
-from lidcam.batches.jobs import RECORDS
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from lidcam.batches.jobs import RECORDS, TABLE_STEM
 from lidcam.batches.records import JobRecord, record_of, record_text
-from lidcam.batches.table import TABLE
 from lidcam.outputs.bucket import Bucket, check_output
 from lidcam.outputs.written import WrittenFile, written_file
 from lidcam.pipeline.core.errors import OutputError
@@ -19,6 +23,50 @@ from lidcam.pipeline.core.small_files import read_small_file
 from lidcam.pipeline.core.system import NO_FOLLOW, NO_WAIT, NOT_INHERITED, lock_file
 from lidcam.readers.location import Location
 from lidcam.writers.outputs.transaction import OutputTransaction
+
+TABLE = f"{TABLE_STEM}.parquet"
+"""Table of the batch, in the folder of the results; readers of a folder of tables skip names like this."""
+
+SCHEMA = pa.schema(
+    [
+        ("recording", pa.string()),
+        ("input", pa.string()),
+        ("state", pa.string()),
+        ("exit_code", pa.int32()),
+        ("message", pa.string()),
+        ("frames", pa.int64()),
+        ("objects", pa.list_(pa.struct([("class", pa.string()), ("count", pa.int64())]))),
+        ("road_users", pa.list_(pa.struct([("class", pa.string()), ("count", pa.int64())]))),
+        ("dropped", pa.int64()),
+        ("skew_max_ms", pa.float64()),
+        ("lacking", pa.list_(pa.struct([("sensor", pa.string()), ("frames", pa.int64())]))),
+        ("processor_s", pa.float64()),
+        ("wall_s", pa.float64()),
+        ("peak_mib", pa.float64()),
+        ("sha256", pa.list_(pa.string())),
+        ("settings", pa.string()),
+        ("settings_sha256", pa.string()),
+        ("version", pa.string()),
+    ]
+)
+
+
+def records_table(records: Sequence[JobRecord]) -> bytes:
+    """A row for each record, as Parquet."""
+    rows = [
+        {
+            **asdict(one),
+            "recording": one.name,
+            "objects": [{"class": name, "count": count} for name, count in (one.objects or {}).items()],
+            "road_users": [{"class": name, "count": count} for name, count in (one.road_users or {}).items()],
+            "lacking": [{"sensor": name, "frames": count} for name, count in (one.lacking or {}).items()],
+        }
+        for one in records
+    ]
+    content = BytesIO()
+    pq.write_table(pa.Table.from_pylist(rows, SCHEMA), content)
+    return content.getvalue()
+
 
 MAX_RECORD_BYTES = 16 << 20
 

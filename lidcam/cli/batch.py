@@ -74,7 +74,7 @@ def batch(
     """
     from dataclasses import asdict
 
-    from lidcam.batches.start import process_batch
+    from lidcam.batches.run import process_batch
     from lidcam.cli.printing.batch import print_batch, shown_batch
     from lidcam.cli.printing.terminal import console, show_json
 

@@ -1,6 +1,7 @@
 """The command `lidcam inspect`."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Unpack
@@ -140,12 +141,13 @@ def _verdict(inspection: "Inspection", *, needs_rig: bool) -> Verdict:
 
 def _checked(job: "Job") -> "RigCheck":
     """The rig, checked by the whole recording."""
-    from lidcam.cli.printing.running import shown_run
-    from lidcam.cli.printing.terminal import console
-    from lidcam.rig_check import check_rig
+    from lidcam.cli.printing.rig_check import CheckedRun
+    from lidcam.processing import process_recording
 
-    with shown_run(console()) as observer:
-        return check_rig(job, observer)
+    with ExitStack() as stack:
+        run = CheckedRun(stack)
+        process_recording(job, run)
+    return run.check
 
 
 def _print(
@@ -188,7 +190,7 @@ def _print(
 def _repair(recording: "Recording", output: "OutputFile") -> Iterator[str]:
     """Write the readable messages of a recording; yields lines about the file and topics that were not copied."""
     from lidcam.run.summary import loss_records
-    from lidcam.writers.mcap.repair import write_repaired
+    from lidcam.writers.mcap.output import write_repaired
 
     def lost() -> Iterator[dict[str, str]]:
         for record in loss_records(recording.losses):

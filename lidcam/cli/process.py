@@ -4,7 +4,7 @@ import logging
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
@@ -209,8 +209,10 @@ def _check_single(folder: Path) -> None:
 
 def _folder(recording: Location) -> Path:
     """The folder for the result of a recording: beside it; of one on a server, in the working folder."""
+    from lidcam.outputs.allowed import is_own_mcap
+
     if isinstance(recording, Path):
-        if recording.suffix in {".rrd", ".html"} or (recording.suffix == ".mcap" and _is_result(recording)):
+        if recording.suffix in {".rrd", ".html"} or (recording.suffix == ".mcap" and is_own_mcap(recording)):
             raise typer.BadParameter(
                 f"{recording} is a result of lidcam: `lidcam view {recording}` opens it; to process it as a recording, "
                 "name an output",
@@ -220,12 +222,6 @@ def _folder(recording: Location) -> Path:
         recording = recording.resolve() if recording.name in {"", ".."} else recording
     name = f"{recording_stem(recording.name)}.lidcam"
     return recording.with_name(name) if isinstance(recording, Path) else Path(name)
-
-
-def _is_result(path: Path) -> bool:
-    from lidcam.outputs.allowed import is_own_mcap
-
-    return is_own_mcap(path)
 
 
 @contextmanager
@@ -281,7 +277,7 @@ def run_process(
     """
     from lidcam.cli.json_output import json_output
     from lidcam.cli.printing.run import print_details, print_summary
-    from lidcam.cli.printing.running import shown_run
+    from lidcam.cli.printing.running import ShownRun
     from lidcam.cli.printing.terminal import console, show_json
     from lidcam.outputs.open import written_files
     from lidcam.processing import process_recording
@@ -289,8 +285,9 @@ def run_process(
     out = console()
     others = (*job.inputs, *written_files(job), *job.read_files)
     with json_output(json_file, inputs=others, overwrite=job.overwrite) as write_json:
-        with shown_run(out, requirements or (), detections=detections, matches=matches) as observer:
-            summary = process_recording(job, observer)
+        with ExitStack() as stack:
+            shown = ShownRun(out, stack, requirements or (), detections=detections, matches=matches)
+            summary = process_recording(job, shown)
         evaluation = None if requirements is None else _evaluated(job, requirements)
         failure = strict_failure(summary) if strict else ""
         failures = ((failure,) if failure else ()) + (evaluation.failures if evaluation else ())

@@ -16,7 +16,7 @@ from lidcam.pipeline.evaluation.road_users import MIN_MOVING_SPEED_M_S, RoadUser
 from lidcam.writers.palette import class_color
 from lidcam.writers.report.page import LIGHT_SHARE
 from lidcam.writers.report.site_map import background_image, map_extent
-from lidcam.writers.report.values import nice
+from lidcam.writers.report.values import KM_H, nice
 from lidcam.writers.tables.objects import Objects
 
 INK, FAINT = "#1d2126", "#7a848d"
@@ -24,9 +24,6 @@ WIDTH_IN = 9.0
 
 WAYS = "to the left", "to the right"
 """Directions across a line."""
-
-KM_H = 3.6
-"""Kilometres an hour in a metre a second."""
 
 SPEED_BINS = 12
 

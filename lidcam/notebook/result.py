@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Literal, Self, get_args
 
-from lidcam.batches.result import BatchResult
+from lidcam.batches.records import BatchResult
 from lidcam.inspection import Inspection
 from lidcam.notebook.counting import Line, LineCount, count_lines
 from lidcam.notebook.plots import installed, plot_counts, plot_speeds, plot_tracks

@@ -22,12 +22,10 @@ PARTS_AT_ONCE = 4
 MARK = {"lidcam": "result"}
 """Metadata of each object that lidcam puts; others are not replaced unasked."""
 
-PROTOCOLS = ("s3", "s3a")
-
 
 def is_bucket(place: object) -> bool:
     """Whether a location is one that can be listed and written to."""
-    return isinstance(place, RemotePath) and place.protocol in PROTOCOLS
+    return isinstance(place, RemotePath) and place.protocol in {"s3", "s3a"}
 
 
 def check_output(place: RemotePath) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 from lidcam.readers.input_file import InputFile, InputFiles, read_input_file
 from lidcam.readers.rig.rig_file import rig_yaml
 from lidcam.run.box_sources import box_source, network_3d
-from lidcam.run.effect import lasting_settings, named_files
+from lidcam.run.effect import lasting_settings
 from lidcam.run.frames import RunInput
 from lidcam.run.job import Job
 from lidcam.run.summary import RunSummary, summary_tree
@@ -18,15 +18,6 @@ from lidcam.writers.provenance import Provenance
 
 MAX_LISTED = 20
 """Damaged parts in the attached summary, which says how many more there are."""
-
-
-def read_named_files(job: Job) -> dict[str, InputFile]:
-    """The files that the settings of a job name, with checksums, by their names in the metadata of a result.
-
-    Raises:
-        RecordingError: one cannot be read.
-    """
-    return {key: read_input_file(path) for key, path in named_files(job.config).items()}
 
 
 def input_files(source: RunInput, named: Mapping[str, InputFile], *, is_written: bool) -> InputFiles:

@@ -48,7 +48,7 @@ _WRITERS, _ALLOWED = "lidcam.outputs.writers", "lidcam.outputs.allowed"
 
 OUTPUTS = [
     Output("pace", "--pace", open=f"{_WRITERS}:open_pace"),  # holds the others back, so it comes first
-    Output("view", "--view", open=f"{_WRITERS}:open_view"),
+    Output("view", "--view", open=f"{_WRITERS}:open_rerun"),
     Output("foxglove", "--foxglove", open=f"{_WRITERS}:open_foxglove"),
     Output(
         "Foxglove",

@@ -1,12 +1,15 @@
 """Opens the writers of a run's outputs; the rows of `OUTPUTS` name these functions."""
 
 import logging
+import time
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
 from lidcam.pipeline.core.errors import ConfigError, OutputError, RecordingError
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.messages import Drop
 from lidcam.readers.messages.image import decode_any_image
 from lidcam.run.box_sources import detects_in_images
 from lidcam.run.frames import RunInput
@@ -15,7 +18,6 @@ from lidcam.writers.base import ResultWriter
 from lidcam.writers.foxglove.layout import layout_path
 from lidcam.writers.images.matches import MatchesWriter
 from lidcam.writers.images.scene import Scenes
-from lidcam.writers.live.pace import Pace
 from lidcam.writers.mcap.writer import McapResultWriter
 from lidcam.writers.outputs.transaction import OutputFile, OutputTransaction
 from lidcam.writers.provenance import Provenance
@@ -48,20 +50,10 @@ def open_mcap(opening: Opening) -> ResultWriter:
 
 
 def open_rerun(opening: Opening) -> ResultWriter:
-    """The Rerun recording."""
-    return _rerun(opening, opening.file)
-
-
-def open_view(opening: Opening) -> ResultWriter:
-    """The Rerun viewer."""
-    return _rerun(opening, None)
-
-
-def _rerun(opening: Opening, output: OutputFile | None) -> ResultWriter:
+    """The Rerun recording, or the viewer, which is no output."""
     with without_rerun_variables():
         from lidcam.writers.rerun.writer import RerunResultWriter  # loads Rerun, which takes half a second
-
-    source = opening.source
+    source, output = opening.source, opening.outputs.get(opening.path)
     decode = partial(decode_any_image, limits=source.config.limits)
     return RerunResultWriter(output, source.rig, source.config, opening.provenance, decode_any_image=decode)
 
@@ -124,3 +116,27 @@ def open_foxglove(opening: Opening) -> ResultWriter:
     server = FoxgloveServer(*opening.job.foxglove, title, source.rig, source.config, frames=source.truth_frames)
     logging.getLogger("lidcam.remarks").info("in Foxglove: Open connection, ws://%s:%d", *opening.job.foxglove)
     return server
+
+
+class Pace(ResultWriter):
+    """The first of the writers of a run: it waits until a frame is due, seen from the first one.
+
+    Args:
+        times: How many times as fast as it was recorded.
+    """
+
+    name = "pace"
+    path = Path("--pace")
+
+    def __init__(self, times: float) -> None:
+        self._times = times
+        self._first: tuple[float, int] | None = None
+
+    def write(self, result: FrameResult) -> tuple[Drop, ...]:
+        """Wait for the time of a frame."""
+        now_s, stamp_ns = time.monotonic(), result.bundle.stamp_ns
+        if self._first is None:
+            self._first = now_s, stamp_ns
+        started_s, first_ns = self._first
+        time.sleep(max(started_s + (stamp_ns - first_ns) / 1e9 / self._times - now_s, 0.0))
+        return ()

@@ -1,92 +1,16 @@
-"""`lidcam drive` through a pseudo-terminal, as somebody at a keyboard has it, and `lidcam simulate`."""
+"""`lidcam drive` by a script of keys (tests/bags/simulator/drive has a terminal), and `lidcam simulate`."""
 
-import os
-import pty
-import re
-import select
-import subprocess
-import sys
-import termios
-from collections.abc import Iterator
-from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pytest
 from command import Lidcam
 from rosbags.highlevel import AnyReader
 from small_scenario import write_small_scenario
 
 from lidcam.pipeline.core.ros.typestores import message_types
 
-PROGRAM = Path(sys.executable).with_name("lidcam")
-
-
-@dataclass
-class Driver:
-    """Somebody at a terminal in which `lidcam drive` runs."""
-
-    hand: int
-    process: subprocess.Popen[bytes]
-    output: Path
-    before: list[Any]
-    shown: bytes = b""
-
-    def look(self) -> bool:
-        """Read what is shown; false once nobody shows anything any more."""
-        try:
-            self.shown += os.read(self.hand, 4096)
-        except OSError:  # the program has closed the terminal
-            return False
-        return True
-
-    def wait_for(self, text: bytes) -> None:
-        """Until the program has shown something."""
-        while text not in self.shown:
-            assert self.look(), self.shown
-
-    def press(self, key: str) -> None:
-        """Press a key, and look on until the simulation has gone on with it."""
-        os.write(self.hand, key.encode())
-        while select.select([self.hand], [], [], 0)[0]:  # what was shown before the key
-            assert self.look(), self.shown
-        begin_s = self.now_s()
-        while self.now_s() < begin_s + 0.3:
-            assert self.look(), self.shown
-
-    def now_s(self) -> float:
-        """How far the simulation has gone, as it is shown."""
-        return float(re.findall(rb"\r *([\d.]+) s ", self.shown)[-1])
-
-    def leave(self) -> int:
-        """The exit code, once it has ended by itself, with the terminal as it was."""
-        while self.look():
-            pass
-        assert b"Traceback" not in self.shown
-        assert termios.tcgetattr(self.hand) == self.before
-        return self.process.wait()
-
-
 LIDAR_ALONE: dict[str, Any] = {"cameras": {}}
 """One sensor is measured without another process, which takes three seconds to start."""
-
-
-@pytest.fixture
-def driver(tmp_path: Path) -> Iterator[Driver]:
-    scenario = write_small_scenario(tmp_path / "small.yaml", **LIDAR_ALONE)
-    hand, terminal = pty.openpty()
-    before = termios.tcgetattr(hand)
-    command = [str(PROGRAM), "drive", str(scenario), str(tmp_path / "out.bag")]
-    process = subprocess.Popen(
-        command, stdin=terminal, stdout=terminal, stderr=terminal, cwd=tmp_path, start_new_session=True
-    )
-    os.close(terminal)
-    yield Driver(hand, process, tmp_path / "out.bag", before)
-    process.kill()
-    process.wait()
-    with suppress(OSError):
-        os.close(hand)
 
 
 def drives(path: Path, car: str) -> list[tuple[float, float]]:
@@ -99,18 +23,6 @@ def drives(path: Path, car: str) -> list[tuple[float, float]]:
         for one in (message.drive for message in found)
     ]
     return [one for number, one in enumerate(told) if number == 0 or told[number - 1] != one]
-
-
-def test_all_keys(driver: Driver) -> None:
-    driver.wait_for(b"car1 at")
-    for key in "wasdx2w1w":
-        driver.press(key)
-    os.write(driver.hand, b"o")
-    assert driver.leave() == 0
-    assert b"wrote" in driver.shown
-    forward, left, right = (0.3, 0.0), (0.3, 0.49), (0.3, -0.49)
-    assert drives(driver.output, "car1") == [(0, 0), forward, left, (-0.3, 0), right, (0, 0), forward]
-    assert drives(driver.output, "car2") == [(0, 0), forward]
 
 
 def test_scripted_keys_give_the_same_bytes_each_time(lidcam: Lidcam, tmp_path: Path) -> None:

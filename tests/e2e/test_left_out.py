@@ -51,7 +51,7 @@ def test_a_small_installation_processes_and_exports(sandbox: Path, tmp_path: Pat
 def test_the_demo_does_without_rerun(tmp_path: Path) -> None:
     done = called("rerun,pyarrow", "demo", tmp_path / "demo")
     assert done.returncode == 0, done.stderr
-    assert "in Foxglove or Lichtblick: Open local file, " in done.stdout
+    assert "open sandbox.mcap in Foxglove" in done.stdout
     assert not list((tmp_path / "demo").glob("*.rrd"))
 
 

@@ -126,7 +126,7 @@ def test_a_run_keeps_the_pace_of_its_recording(monkeypatch: pytest.MonkeyPatch) 
         nonlocal now_s
         now_s += seconds
 
-    monkeypatch.setattr("lidcam.writers.live.pace.time", SimpleNamespace(monotonic=lambda: now_s, sleep=sleep))
+    monkeypatch.setattr("lidcam.outputs.writers.time", SimpleNamespace(monotonic=lambda: now_s, sleep=sleep))
     lidcam.process(
         SANDBOX,
         config="sandbox",

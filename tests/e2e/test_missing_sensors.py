@@ -142,13 +142,3 @@ def test_inspect_and_process_judge_alike(
         lines.append("; ".join(json.loads(run.out)["incomplete"]))
     assert codes == [3 if line else 0] * 2
     assert lines == [line] * 2
-
-
-def test_simulated_time_that_begins_at_zero(lidcam: Lidcam, tmp_path: Path) -> None:
-    messages = recorded(lambda _, step: step < 6)
-    for topic in {one.topic for one in messages} - {"/tf_static"}:
-        messages = with_stamps(messages, topic, 0, begin_s=0.0)
-    write_rosbag1(tmp_path / "in.bag", messages)
-    run = lidcam("process", tmp_path / "in.bag", tmp_path / "out.mcap", "--set", CLUSTERS, "--json")
-    assert run.code == 0, run.err
-    assert json.loads(run.out)["frames"] == 6

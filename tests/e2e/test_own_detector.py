@@ -52,7 +52,7 @@ def test_the_functions_are_used_and_the_number_of_processes_changes_no_byte(engi
     assert results[0].read_bytes() == results[1].read_bytes()
     sensors, drops = run.summary.sensors, run.summary.drops
     assert (sensors.box_source, sensors.box_source_3d) == ("callable", "callable")
-    assert sensors.box_words[0] == "by a function of the caller"
+    assert sensors.box_words[0] == "a function of the caller"
     # Also those of frames that were looked at before the run.
     images = sum(count for topic, count in run.summary.inputs.messages_used.items() if "image" in topic)
     assert drops.boxes == {"label 'kite' is of no class": images}

@@ -51,15 +51,6 @@ def test_inspect_tells_what_would_be_used(lidcam: Lidcam, name: str) -> None:
     assert "settings: road\n" in lidcam("inspect", BAGS / name, "--config", "road").out
 
 
-def test_from_python() -> None:
-    run = library.process(BAGS / "sandbox.bag", duration_s=0.3)
-    assert (len(run.objects) > 0, run.summary.settings.name) == (True, "sandbox")
-    assert library.inspect(BAGS / "sandbox.bag").settings == run.summary.settings
-    given = library.process(BAGS / "sandbox.bag", config=library.Config(), duration_s=0.3)
-    assert (len(given.objects), given.summary.settings.how) == (0, "given")
-    assert given.summary.drops.boxes == {}, "the default classes understand the numbers of the simulator"
-
-
 def test_config(lidcam: Lidcam, tmp_path: Path) -> None:
     assert {*json.loads(lidcam("config", "list", "--json").out)} == {*PRESETS}
     shown = [line.split()[0] for line in lidcam("config", "list").out.splitlines() if line.strip()]

@@ -14,7 +14,6 @@ from small_drive import small_drive
 
 import lidcam
 from lidcam.outputs.report.make import make_page
-from lidcam.readers.results.result import open_result
 
 SANDBOX = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
 EMBEDDED = re.compile(r'<script type="application/json" id="figures">(.*?)</script>', re.DOTALL)
@@ -71,17 +70,6 @@ def test_plotly_knows_every_property_of_the_figures(folder: Path) -> None:
         tree = json.loads(colored)
         go.Figure(data=tree["data"], layout=tree["layout"])  # raises at one that it does not know
         assert tree["data"], name
-
-
-def test_a_result_keeps_a_summary_of_its_run(folder: Path) -> None:
-    with open_result(folder / "out.mcap") as result:
-        summary = result.summary
-    assert summary["frames"] == 5
-    assert summary["unused_topics"]["/car1/base_pose_ground_truth"] > 0
-    assert summary["warnings"] == summary["incomplete"] == []
-    assert {one["sensor"] for one in summary["calibration"]} >= {"velodyne1", "velodyne2"}
-    assert "timing" not in summary
-    assert str(SANDBOX.parent) not in json.dumps(summary)
 
 
 def test_a_page_is_made_of_a_result(tmp_path: Path) -> None:

@@ -5,8 +5,6 @@ import sys
 import textwrap
 from pathlib import Path
 
-import pytest
-
 AS_WINDOWS = """
 import asyncio, builtins, os, signal, subprocess, sys  # they look for what they need when they are imported
 import cv2, mcap.reader, multiprocessing, numpy, onnxruntime, pydantic, rich.console, rosbags, tempfile, typer, yaml
@@ -52,13 +50,6 @@ def test_every_module_is_imported() -> None:
         print("all")
     """)
     assert (done.returncode, done.stdout) == (0, "all\n"), done.stderr
-
-
-@pytest.mark.parametrize("arguments", [("inspect",), ("inspect", "--require", "lidars == 3"), ("config", "explain")])
-def test_commands_that_read_work(sandbox: Path, arguments: tuple[str, ...]) -> None:
-    recording = [sandbox] if arguments[0] == "inspect" else []
-    done = as_windows("from lidcam.__main__ import main; main()", *arguments[:1], *recording, *arguments[1:])
-    assert done.returncode == 0, done.stderr
 
 
 def test_a_recording_becomes_objects_in_memory(sandbox: Path) -> None:

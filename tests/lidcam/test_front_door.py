@@ -134,10 +134,6 @@ def test_what_is_not_known_is_one_line(tmp_path: Path) -> None:
         lidcam.simulate("sandbx", tmp_path / "out.bag")
 
 
-def test_the_sample_can_be_read() -> None:
-    assert lidcam.sample().samefile(SANDBOX)
-
-
 @pytest.mark.parametrize("library", ["pandas", "polars", "pyarrow"])
 def test_tables(run: lidcam.RunResult, library: str, monkeypatch: pytest.MonkeyPatch) -> None:
     objects = run.objects
@@ -173,6 +169,8 @@ def test_examples_of_the_documents_run(page: Path, tmp_path: Path, short_drive: 
     blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     assert blocks
     (tmp_path / "drive.bag").symlink_to(short_drive)
+    if "lidcam" not in "".join(blocks):  # it reads a result
+        lidcam.process(short_drive, tmp_path / "out.mcap", config="sandbox", duration_s=0.5)
     body = "\n".join(blocks).replace("\n", "\n    ")
     script = tmp_path / "example.py"
     script.write_text(f"if __name__ == '__main__':\n    {body}\n", encoding="utf-8")

@@ -9,7 +9,6 @@ from builders import image, odometry, pointcloud2, raw
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from memory_recording import MemoryRecording
-from summaries import changed, printed
 
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.errors import ConfigError, RecordingError
@@ -162,21 +161,6 @@ def test_a_part_without_messages_is_refused_with_one_line(required: object, wind
 def test_the_reference_and_required_topics_have_to_be_in_use(sync: dict[str, object], fault: str) -> None:
     with pytest.raises(ConfigError, match=fault):
         run(periodic(), config(**sync))
-
-
-@pytest.mark.parametrize(
-    ("copied", "told"),
-    [
-        ({"/gt/a": 3, "/map": 1, "/gt/b/c": 2}, "copied     6 messages: /gt/* (2 topics), /map"),
-        (
-            {f"/{n}": 2 for n in "abcdefghijk"},
-            "copied     22 messages: /a, /b, /c, /d, /e, /f, /g, /h, /i, /j and 1 more",
-        ),
-    ],
-)
-def test_what_is_copied_is_told_in_a_line(copied: dict[str, int], told: str) -> None:
-    summary, _ = run(periodic(), config())
-    assert told in printed(changed(summary, inputs={"copied": copied})).splitlines()
 
 
 def moved(whole: RawMessage, later_s: float) -> RawMessage:

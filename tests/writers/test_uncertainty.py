@@ -23,7 +23,3 @@ def test_points_are_one_standard_deviation_away(factor: tuple[float, float, floa
     away = np.linalg.solve(lower, (known[:, :2] - [5, -3]).T)
     np.testing.assert_allclose(np.linalg.norm(away, axis=0), 1.0, rtol=1e-6)
     np.testing.assert_allclose(known[:, 2], 2 - 0.75)
-
-
-def test_no_boxes() -> None:
-    assert ground_ellipses(boxes3d([])).shape == (0, CORNERS, 3)

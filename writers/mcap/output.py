@@ -1,17 +1,19 @@
-"""One MCAP file that is being written (mcap.dev/spec): its channels, messages, metadata and attachments."""
+"""MCAP files that are written (mcap.dev/spec): results, and the recovered messages of damaged recordings."""
 
 import base64
 import contextlib
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO, Literal
 
 from mcap.writer import CompressionType, Writer
 
-from lidcam.pipeline.core.messages import Channel
+from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.ros.messages import ROS2
-from lidcam.writers.outputs.marks import LIBRARY
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.marks import LIBRARY, REPAIRED
+from lidcam.writers.outputs.transaction import OutputFile
 
 Buffer = bytes | memoryview
 
@@ -109,3 +111,42 @@ def _schema(channel: Channel) -> tuple[str, str, bytes]:
     if not channel.definition:
         definition_format = ""  # as rosbag2 writes a type whose definition it does not know
     return name, definition_format, channel.definition.encode()
+
+
+PROFILES = {frozenset({"ros1"}): "ros1", frozenset({"cdr"}): "ros2"}
+
+
+def write_repaired(
+    output: OutputFile,
+    channels: Iterable[Channel],
+    messages: Iterator[RawMessage],
+    *,
+    lost: Iterable[Mapping[str, str]],
+) -> int:
+    """Write messages to a new MCAP file, in their order, with their log times.
+
+    The channels are those of the file's list, in its order, also those without messages. Each loss becomes a metadata
+    record; the losses are read after the last message.
+
+    Returns:
+        Number of messages.
+
+    Raises:
+        OutputError: the file cannot be written.
+        RecordingError: raised by `messages`.
+    """
+    channels = list(dict.fromkeys(channels))
+    profile = PROFILES.get(frozenset(channel.encoding for channel in channels), "")
+    count = 0
+    with output_errors(output.path), mcap_file(output.part, profile=profile) as file:
+        ids = {channel: file.add_recorded(channel) for channel in channels}
+        for message in messages:
+            if message.channel not in ids:
+                ids[message.channel] = file.add_recorded(message.channel)
+            file.add_message(ids[message.channel], message.log_time_ns, message.data, count)
+            count += 1
+        losses = list(lost)
+        file.add_metadata(REPAIRED, {"messages": str(count), "losses": str(len(losses))})
+        for record in losses:
+            file.add_metadata(REPAIRED, record)
+    return count

@@ -1,7 +1,8 @@
 """The fused objects as a table: the record, and the columns that it has in every library and file."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
@@ -15,7 +16,6 @@ from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
 from lidcam.writers.tables.files import column_metadata, save_csv, save_parquet
-from lidcam.writers.tables.html import as_text, scrolling_table
 
 MAX_SHOWN = 10
 """Rows that the text form shows."""
@@ -238,20 +238,15 @@ class Objects(CheckedTable):
         save_parquet(Path(path), self.to_arrow(), self.frame_id)
 
     def __repr__(self) -> str:
-        from rich.table import Table as RichTable
-
-        table = RichTable(*SHOWN_COLUMNS, box=None, pad_edge=False)
-        for column in table.columns:
-            column.justify, column.no_wrap = "right", True
-        for row in self._texts(SHOWN_COLUMNS, MAX_SHOWN):
-            table.add_row(*row)
-        parts = [self._head, table, self._foot(MAX_SHOWN)] if len(self) else [self._head]
-        return as_text(*parts).rstrip("\n")
+        rows = [SHOWN_COLUMNS, *self._texts(SHOWN_COLUMNS, MAX_SHOWN)] if len(self) else []
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = ["  ".join(map(str.rjust, row, widths)) for row in rows]
+        return "\n".join(filter(None, [self._head, *lines, self._foot(MAX_SHOWN)]))
 
     def _repr_html_(self) -> str:
         """For notebooks: a table of all columns that scrolls, of the first rows."""
         rows = self._texts(tuple(self.columns), MAX_SCROLLED)
-        return scrolling_table(self._head, tuple(self.columns), rows, self._foot(MAX_SCROLLED))
+        return _scrolling_table(self._head, tuple(self.columns), rows, self._foot(MAX_SCROLLED))
 
     @property
     def _head(self) -> str:
@@ -275,3 +270,17 @@ def _library(name: str) -> Any:
 
 def _text(value: Any) -> str:
     return f"{value:.2f}" if isinstance(value, float | np.floating) else str(value)
+
+
+def _scrolling_table(head: str, names: Sequence[str], rows: Iterable[Sequence[str]], foot: str = "") -> str:
+    """A table of texts as HTML: its rows scroll below the names of the columns, in the colours of the notebook."""
+    cell = 'style="text-align: right; white-space: nowrap; padding: 0.1em 0.6em"'
+    top = 'style="position: sticky; top: 0; background: var(--jp-layout-color1, Canvas)"'
+    body = "".join(f"<tr>{''.join(f'<td {cell}>{escape(text)}</td>' for text in row)}</tr>" for row in rows)
+    names_row = "".join(f"<th {cell}>{escape(name)}</th>" for name in names)
+    return (
+        f"<div>{escape(head)}</div>"
+        '<div style="max-height: 22em; overflow: auto; max-width: 100%">'
+        f"<table><thead {top}><tr>{names_row}</tr></thead><tbody>{body}</tbody></table></div>"
+        f"<div>{escape(foot)}</div>"
+    )

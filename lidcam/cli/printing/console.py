@@ -34,12 +34,6 @@ MAX_LISTED = 10
 MAX_LOSSES = 20
 """Damaged parts in the table."""
 
-BOX_SOURCES = {
-    "onnx": "2D network",
-    "recorded": "as recorded",
-    "callable": "a function of the caller",
-    "none": "none: lidar-only",
-}
 NO_MOTION = "none: no odometry or tf of the site frame, or switched off"
 
 

@@ -7,10 +7,10 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from lidcam.cli.printing.console import print_remarks, print_warnings
 from lidcam.cli.printing.folding import show_line, show_table
-from lidcam.cli.printing.mistakes import mistakes_table
 from lidcam.cli.printing.numbers import NONE, number, percent, share, signed
-from lidcam.cli.printing.tables import ColumnsTable
+from lidcam.cli.printing.tables import ColumnsTable, rows_table
 from lidcam.evaluation.evaluation import Evaluation
 from lidcam.evaluation.requirement import Outcome
 
@@ -45,10 +45,8 @@ def print_evaluation(out: Console, evaluation: Evaluation, *, everything: bool =
     if evaluation.outcomes:
         out.print()
         show_table(out, _requirements_table(evaluation.outcomes))
-    for note in evaluation.notes:
-        show_line(out, f"note: {note}")
-    for warning in evaluation.warnings:
-        show_line(out, f"warning: {warning}", "yellow")
+    print_remarks(out, (), evaluation.notes)
+    print_warnings(out, evaluation.warnings)
 
 
 def _short_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
@@ -357,3 +355,41 @@ def _overlap(figures: Tree, beginning: str = AP_BEV, wanted: str = "50") -> str:
     """The IoU that is shown, in percent: the wanted one if that is among them, else the last."""
     known = [key.removeprefix(beginning) for key in figures if key.startswith(beginning)]
     return wanted if wanted in known else known[-1]
+
+
+MAX_PRINTED = 3
+"""Mistakes of each kind that are printed; the JSON has more."""
+
+
+CAUSES = {
+    "nothing": "no object there",
+    "class": "is a {label}",
+    "second": "second box of a {label}",
+    "place": "too far from its {label}",
+}
+
+
+def mistakes_table(source: str, kinds: Mapping[str, Any]) -> Table:
+    """The worst mistakes of one source: kind, number of frames, time and place."""
+    rows = (
+        (
+            kind,
+            one["class"],
+            one["frames"],
+            *(f"{one[key]:.1f}" for key in ("worst_s", "x_m", "y_m")),
+            mistake_note(kind, one),
+        )
+        for kind, mistakes in kinds.items()
+        for one in mistakes[:MAX_PRINTED]
+    )
+    title = f"worst errors of {source}: where to look, and when (s from the first frame)"
+    return rows_table(title, ("error", "class", "frames", "at s", "x m", "y m", ""), rows, ("class", ""))
+
+
+def mistake_note(kind: str, mistake: Mapping[str, Any]) -> str:
+    """The object at the place of a false detection, or the lidar points of a missed object."""
+    if kind == "missed":
+        points = mistake["lidar_points"]
+        own = "" if mistake["label"] == mistake["class"] else f"{mistake['label']}, "
+        return f"{own}{'points unknown' if points is None else f'{points} points'}"
+    return f"score {mistake['score']:.2f}, {CAUSES[mistake['cause']].format(label=mistake['label'])}"

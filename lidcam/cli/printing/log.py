@@ -29,8 +29,6 @@ verdict_log = logging.getLogger("lidcam.verdict")
 LOG_LINE = re.compile(rb"[-\d]{10}T[:\d]{8}\.\d{3}Z ")
 """The beginning of each line of a log file."""
 
-_REMARKS = (remark_log.name,)
-
 
 class Verbosity(IntEnum):
     """The lowest level that stderr shows."""
@@ -95,12 +93,12 @@ class _Stderr(logging.Handler):
             return False  # the interpreter prints the traceback
         if record.levelno >= self.verbosity or record.name == verdict_log.name:
             return True
-        is_remark = record.name in _REMARKS or (record.name == progress_log.name and not sys.stderr.isatty())
+        is_remark = record.name == remark_log.name or (record.name == progress_log.name and not sys.stderr.isatty())
         return is_remark and self.verbosity == Verbosity.NORMAL
 
     def format(self, record: logging.LogRecord) -> str:
-        text = _visible(record)
-        if record.name in _REMARKS and record.levelno == logging.INFO:
+        text = visible(record.getMessage())
+        if record.name == remark_log.name and record.levelno == logging.INFO:
             return text
         if record.levelno >= logging.ERROR:
             return f"lidcam: error: {text}"
@@ -130,13 +128,8 @@ class _Timed(logging.Formatter):
         super().__init__("%(asctime)s.%(msecs)03dZ %(levelname)-7s %(name)s: %(message)s", "%Y-%m-%dT%H:%M:%S")
 
     def formatMessage(self, record: logging.LogRecord) -> str:
-        record.message = _visible(record)
+        record.message = visible(record.getMessage())
         return super().formatMessage(record)
 
     def formatException(self, ei: Any) -> str:
         return visible_lines(super().formatException(ei))
-
-
-def _visible(record: logging.LogRecord) -> str:
-    """The message in one line, whatever it quotes."""
-    return visible(record.getMessage())

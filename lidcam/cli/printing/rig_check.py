@@ -1,4 +1,4 @@
-"""Tables and plain values of the verdicts of a rig check."""
+"""A run that checks its rig: progress, tables, and plain values of the verdicts."""
 
 from typing import Any
 
@@ -6,10 +6,14 @@ import numpy as np
 from rich.console import Console
 
 from lidcam.checks.calibration.rig_check import SCALES, RigCheck
+from lidcam.cli.printing.console import print_warnings
 from lidcam.cli.printing.folding import show_line, show_table
+from lidcam.cli.printing.running import ShownProgress
 from lidcam.cli.printing.tables import ColumnsTable
 from lidcam.pipeline.calibration.camera_error import MIN_PAIRS, MIN_TRACKS
 from lidcam.pipeline.core.arrays import F64, Bools
+from lidcam.run.frame import Frame
+from lidcam.run.frames import RunInput
 
 VALUES = ("pitch_deg", "yaw_deg", "roll_deg", "x_m", "y_m", "z_m", "time_ms")
 """Errors of a camera: rotation about x, y, z of its optical frame, translation along them, delay of its images."""
@@ -19,19 +23,34 @@ LIDAR_VALUES = ("about_x_deg", "about_y_deg", "about_z_deg", "x_m", "y_m", "z_m"
 NOT_JUDGED = "not judged"
 
 
+class CheckedRun(ShownProgress):
+    """Shows the progress of a run that checks its rig.
+
+    Attributes:
+        check: The check, once the recording is open.
+    """
+
+    check: RigCheck
+
+    def opened(self, source: RunInput) -> None:
+        """Begin with the rig of the recording."""
+        self.check = RigCheck(source.rig, source.config)
+        super().opened(source)
+
+    def frame(self, result: Frame) -> None:
+        """Check a frame."""
+        self.check.add_frame(result)
+
+
 def print_check(out: Console, check: RigCheck) -> None:
     """Print a check; `*` marks significant errors."""
     cameras = ColumnsTable("cameras against lidars", "camera", "pairs", "tracks", *map(_heading, VALUES))
     for one in check.cameras:
         cells = [NOT_JUDGED] if one.error is None else _cells(one.error.values, one.error.sigmas, one.significant)
         cameras.add_row(one.camera.name, str(one.pair_count), str(one.track_count), *cells)
+    headings = map(_heading, LIDAR_VALUES)
     lidars = ColumnsTable(
-        "lidars against each other",
-        "lidar",
-        "against",
-        "points",
-        *map(_heading, LIDAR_VALUES),
-        text_columns=("against",),
+        "lidars against each other", "lidar", "against", "points", *headings, text_columns=("against",)
     )
     for first, second, error, significant in check.lidars:
         matches = "0" if error is None else str(error.matches)
@@ -48,8 +67,7 @@ def print_check(out: Console, check: RigCheck) -> None:
             f"{MIN_TRACKS} tracks; 2D boxes are recorded or come from --model-2d",
             "dim",
         )
-    for warning in check.warnings:
-        show_line(out, f"warning: {warning}", "yellow")
+    print_warnings(out, check.warnings)
 
 
 def check_tree(check: RigCheck) -> dict[str, Any]:

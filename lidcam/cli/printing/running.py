@@ -2,8 +2,8 @@
 
 import gc
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -20,19 +20,6 @@ if TYPE_CHECKING:
 
 SOURCES = ("lidar", "fused")
 """Sources of 3D boxes in every result."""
-
-
-@contextmanager
-def shown_run(
-    out: Console, requirements: "Sequence[Requirement]" = (), *, detections: bool = False, matches: bool = False
-) -> Iterator[RunObserver]:
-    """An observer that shows a run, with the detections and matches of each frame if asked for.
-
-    Raises:
-        RequirementError: a requirement names an unknown figure; found when the recording is open.
-    """
-    with ExitStack() as stack:
-        yield _ShownRun(out, stack, requirements, detections=detections, matches=matches)
 
 
 class ShownProgress(RunObserver):
@@ -61,9 +48,17 @@ class ShownProgress(RunObserver):
         )
 
 
-class _ShownRun(RunObserver):
+class ShownRun(RunObserver):
+    """Shows a run until the stack is closed, with the detections and matches of each frame if asked for."""
+
     def __init__(
-        self, out: Console, stack: ExitStack, requirements: "Sequence[Requirement]", *, detections: bool, matches: bool
+        self,
+        out: Console,
+        stack: ExitStack,
+        requirements: "Sequence[Requirement]" = (),
+        *,
+        detections: bool = False,
+        matches: bool = False,
     ) -> None:
         self._out, self._requirements = out, requirements
         self._detections, self._matches = detections, matches
@@ -71,6 +66,7 @@ class _ShownRun(RunObserver):
         self._progress = RunObserver() if out.is_terminal and (detections or matches) else ShownProgress(stack)
 
     def opened(self, source: RunInput) -> None:
+        """Begin; a requirement of an unknown figure raises RequirementError."""
         gc.freeze()  # libraries and stages stay: looking for garbage among them takes 5 ms a frame
         if self._requirements:
             from lidcam.evaluation.evaluators import known_figures
@@ -81,10 +77,12 @@ class _ShownRun(RunObserver):
         self._progress.opened(source)
 
     def frame(self, result: FrameResult) -> None:
+        """Print what is asked for."""
         if self._detections:
             print_detections(self._out, result, self._config)
         if self._matches:
             print_matches(self._out, result, self._config)
 
     def advanced(self, progress: RunProgress) -> None:
+        """Show the progress."""
         self._progress.advanced(progress)

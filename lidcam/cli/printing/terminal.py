@@ -11,7 +11,9 @@ from rich.segment import Segment
 from rich.text import Text
 
 from lidcam.cli.printing.escaping import json_text, printable_lines, visible
-from lidcam.writers.tables.html import HTML_WIDTH, recorded_html
+
+HTML_WIDTH = 300
+"""Characters of a line: a page can be scrolled."""
 
 
 class _Console(Console):
@@ -49,10 +51,11 @@ def printed_text(show: Callable[[Console], None]) -> str:
 
 
 def printed_html(show: Callable[[Console], None]) -> str:
-    """The output of a function that prints on a console, as HTML."""
+    """The output of a function that prints on a console, as HTML in the colours of the page, light or dark."""
     out = _recording_console()
     show(out)
-    return recorded_html(out)
+    style = "line-height: normal; overflow-x: auto; font-family: monospace"
+    return out.export_html(inline_styles=True, code_format=f'<pre style="{style}">{{code}}</pre>')
 
 
 def _recording_console() -> _Console:

@@ -14,7 +14,7 @@ from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame
-from lidcam.pipeline.fusion.shown import Origin, ShownBoxes, shown_boxes
+from lidcam.pipeline.fusion.shown import Origin, shown_boxes
 from lidcam.readers.messages.image import image_file
 from lidcam.readers.results.result import Result
 from lidcam.writers.datasets.images import VAL_SHARE, ImageLabels, ImageWriter, LabelledFrame, LabelledImage
@@ -85,12 +85,12 @@ class ResultImages(ResultFrames):
             ending=ending,
             width_px=width,
             height_px=height,
-            found=self._labels(self._shown(frame, message.stamp_ns, camera)),
+            found=self._shown(frame, message.stamp_ns, camera),
             truth=truth,
             is_late=frame.index >= (1 - VAL_SHARE) * self._frame_count,
         )
 
-    def _shown(self, frame: EvaluationFrame, stamp_ns: int, camera: CameraSensor) -> ShownBoxes:
+    def _shown(self, frame: EvaluationFrame, stamp_ns: int, camera: CameraSensor) -> ImageLabels:
         """What the image shows: objects where they are at its time, from where the camera stood then."""
         source, images = frame.sources["fused"], frame.images.get(camera.name)
         objects, is_predicted = source.boxes, np.zeros(len(source), np.bool_)
@@ -104,9 +104,8 @@ class ResultImages(ResultFrames):
             since = Transform(site, site, np.linalg.inv(then.matrix) @ frame.T_fixed_site)
             camera = replace(camera, T_camera_site=camera.T_camera_site @ since)
         shown = shown_boxes(objects, source.track_ids, is_predicted, camera, images.found if images else None)
-        return shown.select(shown.origins == Origin.BOTH) if self._options.confirmed else shown
-
-    def _labels(self, shown: ShownBoxes) -> ImageLabels:
+        if self._options.confirmed:
+            shown = shown.select(shown.origins == Origin.BOTH)
         names = self._class_names[shown.class_ids]
         return ImageLabels(names, shown.xyxy, shown.scores, shown.track_ids, ORIGINS[shown.origins])
 

@@ -78,12 +78,11 @@ class ResultScene(ResultFrames):
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on the result for the user."""
+        if not (self._result.is_adrift and self._format == "nuscenes"):
+            return super().notes
         name = self._result.path.name
         adrift = f"{name}: the sensors move, and the result does not say where to: nuScenes's poses stand still"
-        return (
-            *super().notes,
-            *([adrift] if self._result.is_adrift and self._format == "nuscenes" else []),
-        )
+        return (*super().notes, adrift)
 
     def frames(self) -> Iterator[DatasetFrame]:
         """Every Nth frame."""
@@ -106,7 +105,8 @@ class ResultScene(ResultFrames):
         )
 
     def _cloud(self, messages: Mapping[str, RawMessage]) -> PointCloud | None:
-        parts = [self._decode_cloud(messages[topic]) for topic in (CLOUD, GROUND) if topic in messages]
+        limits = self._result.config.limits
+        parts = [decode_pointcloud2(messages[topic], limits=limits) for topic in (CLOUD, GROUND) if topic in messages]
         if not parts:
             return None
         cloud = join_rows(*parts)
@@ -116,9 +116,6 @@ class ResultScene(ResultFrames):
         xyz = np.asarray(cloud.xyz @ T[:3, :3].T + T[:3, 3], np.float32)
         intensity = np.clip(cloud.intensity / (self._unit or 1.0), 0, 1).astype(np.float32)
         return replace(cloud, frame_id=self.facts.cloud_frame_id, xyz=xyz, intensity=intensity)
-
-    def _decode_cloud(self, message: RawMessage) -> PointCloud:
-        return decode_pointcloud2(message, limits=self._result.config.limits)
 
     def _decoded(self, messages: Mapping[str, RawMessage]) -> dict[str, DatasetImage]:
         images = {}

@@ -19,7 +19,7 @@ from lidcam.readers.messages.deserialize import deserialize_as
 from lidcam.readers.messages.image import decode_any_image
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 from lidcam.readers.results.result import Result
-from lidcam.writers.images.canvas import Canvas, Label
+from lidcam.writers.images.canvas import Canvas, Color, Label
 from lidcam.writers.palette import class_color
 from lidcam.writers.report.collector import Moment
 
@@ -103,23 +103,14 @@ def _bgr(color: Any) -> tuple[int, int, int]:
 
 
 def _scene_from_above(points: F64, moment: Moment) -> U8:
-    """The points of a moment and the outlines of its objects from above, with x to the right; blue green red."""
-    objects, size_px = moment.boxes.centers[:, :2], np.array(ABOVE_PX)
-    shown = np.concatenate([np.percentile(points[:, :2], [2, 98], axis=0), objects])
+    """The points of a moment and the outlines of its objects from above."""
+    boxes = moment.boxes
+    shown = np.concatenate([np.percentile(points[:, :2], [2, 98], axis=0), boxes.centers[:, :2]])
     low, high = shown.min(0), shown.max(0)
-    px_per_m = float((size_px / np.maximum(high - low, 1.0)).min()) * ABOVE_SHARE
-    canvas = Canvas.blank(*ABOVE_PX, _LETTER_PX)
-
-    def pixels(places: F64) -> F64:
-        return np.asarray((places - (low + high) / 2) * [1, -1] * px_per_m + size_px / 2)
-
-    seen = np.floor(pixels(points[:, :2])).astype(np.intp)
-    seen = seen[((seen >= 0) & (seen < size_px)).all(1)]
-    canvas.pixels[seen[:, 1], seen[:, 0]] = 150
-    outlines = pixels(box_corners(moment.boxes.centers, moment.boxes.sizes, moment.boxes.yaws)[:, :4, :2])
-    for outline, class_id in zip(outlines, moment.boxes.class_ids.tolist(), strict=True):
-        canvas.lines([outline], class_color(class_id).bytes_rgb[::-1], 2, closed=True)
-    return canvas.pixels
+    px_per_m = float((np.array(ABOVE_PX) / np.maximum(high - low, 1.0)).min()) * ABOVE_SHARE
+    colors = [class_color(class_id).bytes_rgb[::-1] for class_id in boxes.class_ids.tolist()]
+    corners = box_corners(boxes.centers, boxes.sizes, boxes.yaws)
+    return _from_above(points, corners, colors, (low + high) / 2, px_per_m, ABOVE_PX)
 
 
 def mistake_image(result: Result, kind: str, mistake: Mapping[str, Any], log_time_ns: int) -> tuple[str, str] | None:
@@ -138,7 +129,10 @@ def mistake_image(result: Result, kind: str, mistake: Mapping[str, Any], log_tim
         if (image := _image(result, camera, log_time_ns)) is not None:
             return _uri(cut_out(image, box, MISTAKE_COLORS[kind], TILE_PX)), camera.name
     points = _points(result, log_time_ns)
-    return None if points is None else (_uri(_from_above(points, corners[0], size, MISTAKE_COLORS[kind])), "from above")
+    if points is None:
+        return None
+    px_per_m = TILE_PX[1] / (2 * MIN_REACH_M * float(size[:2].max()))
+    return _uri(_from_above(points, corners, [MISTAKE_COLORS[kind]], center[:2], px_per_m, TILE_PX)), "from above"
 
 
 def _views(result: Result, corners: F64) -> Iterator[tuple[CameraSensor, F64]]:
@@ -191,16 +185,21 @@ def cut_out(image: U8, box: F64, color: Sequence[int], size_px: tuple[int, int])
     return np.asarray(tile, np.uint8)
 
 
-def _from_above(points: F64, corners: F64, size: F64, color: Sequence[int]) -> U8:
-    """The points around a box, seen from above with x to the right, and its outline."""
-    tile = np.full((TILE_PX[1], TILE_PX[0], 3), 30, np.uint8)
-    middle, px_per_m = corners[:, :2].mean(0), TILE_PX[1] / (2 * MIN_REACH_M * float(size[:2].max()))
-    pixels = np.floor(((points[:, :2] - middle) * [1, -1]) * px_per_m + np.array(TILE_PX) / 2).astype(np.intp)
-    inside = ((pixels >= 0) & (pixels < TILE_PX)).all(1)
-    tile[pixels[inside, 1], pixels[inside, 0]] = 210
-    outline = ((corners[:4, :2] - middle) * [1, -1] * px_per_m + np.array(TILE_PX) / 2).astype(np.int32)
-    cv2.polylines(tile, [cv2.convexHull(outline)], True, color, 2, cv2.LINE_AA)
-    return tile
+def _from_above(
+    points: F64, corners: F64, colors: Sequence[Color], middle: F64, px_per_m: float, size_px: tuple[int, int]
+) -> U8:
+    """Points (N, 3) and the outlines of boxes (K, 8, 3) around a place, with x to the right; blue green red."""
+    canvas = Canvas.blank(*size_px, _LETTER_PX)
+
+    def pixels(places: F64) -> F64:
+        return np.asarray((places[..., :2] - middle) * [1, -1] * px_per_m + np.array(size_px) / 2)
+
+    seen = np.floor(pixels(points)).astype(np.intp)
+    seen = seen[((seen >= 0) & (seen < size_px)).all(1)]
+    canvas.pixels[seen[:, 1], seen[:, 0]] = 150
+    for outline, color in zip(pixels(corners[:, :4]), colors, strict=True):
+        canvas.lines([outline], color, 2, closed=True)
+    return canvas.pixels
 
 
 def _uri(tile: U8, quality: int = 75) -> str:

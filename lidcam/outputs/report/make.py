@@ -7,9 +7,8 @@ from urllib.parse import quote
 
 from rich.table import Table
 
-from lidcam.cli.printing.evaluation import headlines, own_tables, truth_tables
+from lidcam.cli.printing.evaluation import headlines, mistake_note, own_tables, truth_tables
 from lidcam.cli.printing.folding import Folded
-from lidcam.cli.printing.mistakes import mistake_note
 from lidcam.evaluation.evaluate import Progress, evaluate_result, not_shown, within_labels
 from lidcam.evaluation.evaluation import Evaluation, EvaluationJob
 from lidcam.outputs.allowed import PAGE, check_no_input, check_replaced, is_own_film
@@ -97,7 +96,7 @@ def make_page(path: Path, show: Progress = not_shown, *, film: str = "") -> str:
             residual_tables=_page_tables(own_tables(tree)),
             dropped_tables=sections.dropped(summary),
             origin_tables=[
-                *sections.origin(seen, summary, metadata, result.rig.sensor_of_topic),
+                *sections.origin(seen, result),
                 _versions(result),
             ],
             checksums=sections.checksums(metadata, path.name, evaluation.inputs[0].tree()["sha256"] or ""),

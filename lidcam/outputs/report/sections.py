@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from lidcam.cli.printing.console import BOX_SOURCES
 from lidcam.cli.printing.numbers import PER_M_S, number, percent
 from lidcam.pipeline.core.settings.engines import ENGINES
 from lidcam.pipeline.core.text import visible
 from lidcam.pipeline.evaluation.road_users import MIN_MOVING_SPEED_M_S, RoadUserTable
+from lidcam.readers.results.result import Result
+from lidcam.run.box_sources import boxes_2d_words
 from lidcam.run.warning import RunWarning
 from lidcam.writers.report.collector import ReportCollector
 from lidcam.writers.report.page import PageTable, class_name
@@ -177,10 +178,9 @@ def _silences(spans: Sequence[Mapping[str, Any]]) -> str:
     return ", ".join(named) + (f" and {more} times more" if more > 0 else "")
 
 
-def origin(
-    seen: ReportCollector, summary: Mapping[str, Any], metadata: Mapping[str, str], topics: Mapping[str, str]
-) -> list[PageTable]:
+def origin(seen: ReportCollector, result: Result) -> list[PageTable]:
     """Files, sensors with their calibration, and the sources of boxes and motion."""
+    summary, metadata, topics = result.summary, result.metadata, result.rig.sensor_of_topic
     files: list[list[object]] = []
     while (name := metadata.get(f"input.{len(files)}.name", metadata.get(f"input.{len(files)}.url"))) is not None:
         size = metadata.get(f"input.{len(files)}.size")
@@ -193,7 +193,7 @@ def origin(
         rate = f"{used[topic] / seen.seconds:.1f} Hz" if seen.seconds else ""
         where = ", ".join(filter(None, (found.get("intrinsics"), found.get("extrinsics"))))
         sensors.append([sensor, topic, rate, percent(used[topic] / seen.frames), where])
-    facts = [["2D boxes", BOX_SOURCES.get(summary.get("box_source", ""), "")]]
+    facts = [["2D boxes", boxes_2d_words(result.config, result.rig)[0].partition(";")[0]]]
     if (engine := summary.get("box_source_3d")) in ENGINES:
         facts.append(["3D boxes", ENGINES[engine].words])
     if motion := summary.get("motion"):

@@ -140,12 +140,6 @@ def test_a_process_that_gives_no_record_has_failed(code: str, exit_code: int, me
     assert (record.state, record.exit_code, record.message) == ("failed", exit_code, message)
 
 
-def test_a_process_takes_no_code_from_the_folder_it_runs_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "lidcam.py").write_text("raise SystemExit('code of the folder')")
-    monkeypatch.chdir(tmp_path)
-    assert LocalEngine(1).run(TASK, keep_open=None).message.startswith("none.bag: ")
-
-
 def test_leaving_ends_the_processes_at_work(held: int) -> None:
     codes: list[int | None] = []
 

@@ -71,23 +71,6 @@ def test_tables(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert max(map(len, rows)) <= 80
 
 
-def test_json_in_a_file(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = tmp_path / "figures.json"
-    with pytest.raises(CheckError) as raised:
-        evaluated(result, "fused.car.precision > 2", "frames > 1", "frames < 1", json_file=file)
-    assert len(raised.value.lines) == 2
-    assert raised.value.lines[0] == "fused.car.precision: expected > 2, found 1"
-    assert raised.value.lines[1] == "frames: expected < 1, found 4"
-    assert "fused  truth  recall" in capsys.readouterr().out
-    tree = valid(file.read_text(encoding="utf-8"))
-    assert (tree["command"], tree["exit_code"], tree["frames"]) == ("evaluate", 1, 4)
-    assert [outcome["is_met"] for outcome in tree["requirements"]] == [False, True, False]
-    assert tree["truth"]["from"] == ["/ground_truth/objects of out.mcap (by its name)"]
-    assert tree["truth"]["inputs"] == tree["inputs"]
-    assert tree["sources"]["fused"]["car"]["truth"] == 8
-    assert tree["settings"]["name"] == "sandbox"
-
-
 def test_json_on_standard_output(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
     evaluated(result, as_json=True)
     first = valid(capsys.readouterr().out)

@@ -69,12 +69,6 @@ def test_the_tables_of_the_console_in_a_notebook(run: lidcam.RunResult) -> None:
     assert "<script>" not in hostile._repr_html_()
 
 
-def test_a_run_is_printed_in_short(run: lidcam.RunResult) -> None:
-    lines = str(run).splitlines()
-    assert lines[0].startswith(f"{run.frames} frames in ")
-    assert len(lines) < 16
-
-
 def test_objects_scroll_in_a_notebook(run: lidcam.RunResult) -> None:
     page = run.objects._repr_html_()
     assert page.count("<tr>") == 1 + len(run.objects)

@@ -11,8 +11,7 @@ from written_jobs import Written
 
 from lidcam.batches.jobs import RECORDS, find_jobs
 from lidcam.batches.run import BatchOptions, run_batch
-from lidcam.batches.store import Store
-from lidcam.batches.table import TABLE, records_table
+from lidcam.batches.store import TABLE, Store, records_table
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.run.job import Job
 from lidcam.writers.outputs.transaction import OutputTransaction
@@ -54,7 +53,6 @@ if os.geteuid() == 0:
 
 LEFT = ".out.mcap.lidcam-left"
 PLACES = ("out.mcap", "out.rrd", LEFT, f"{LEFT}/other", f"{LEFT}/out.mcap.old")
-PLAIN = {"nothing", "file", "hard link"}
 
 
 def plant_folders(folder: Path, home: Path) -> None:
@@ -188,25 +186,3 @@ def test_a_batch_writes_and_reads_nothing_elsewhere(
             assert "expected" in outcome, kind
         else:
             assert outcome.startswith("failed done"), kind
-
-
-REFUSED = sorted({*KINDS} - PLAIN - {"of another user"})
-COMMANDS = {
-    "rig.yaml": ("inspect", SAMPLE, "--write-rig", "rig.yaml"),
-    "run.log": ("inspect", SAMPLE, "--log-file", "run.log"),
-    "mine.ckpt": ("train", "pillars", "--steps", "1", "--family", "sandbox", "--out", "mine.onnx", "--resume"),
-    "mine.md": ("train", "pillars", "--steps", "1", "--family", "sandbox", "--out", "mine.onnx", "--overwrite"),
-    "page.html": ("report", SAMPLE, "--out", "page.html", "--overwrite"),
-    "set": ("export", SAMPLE, "--format", "kitti", "--out", "set"),
-}
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_commands_refuse_what_is_planted_in_one_line(tmp_path: Path, home: Path, name: str) -> None:
-    for kind in REFUSED if name != "set" else sorted({*KINDS} - {"nothing", "empty folder"}):
-        (tmp_path / kind).mkdir()
-        KINDS[kind](tmp_path / kind / name, home)
-        before = seen(tmp_path / kind), seen(home)
-        run = called(tmp_path / kind, *COMMANDS[name])
-        assert (run.code, f"{name}: " in run.error_line) == (1, True), kind
-        assert (seen(tmp_path / kind), seen(home)) == before, kind

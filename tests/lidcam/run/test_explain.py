@@ -17,14 +17,6 @@ def test_every_key_is_explained(key: str) -> None:
     assert found.keys or found.allowed
 
 
-def test_a_setting() -> None:
-    found = explain("detect3d.cluster.distance_m")
-    assert found.meaning == "Points nearer to each other than this belong together, close to a lidar."
-    assert (found.unit, found.allowed, found.default) == ("metres", "number, above 0", 0.4)
-    assert found.by_preset == {"sandbox": 0.06, "crossing": 0.4, "road": 0.4}
-    assert found.keys == {}
-
-
 def test_a_section_names_its_keys() -> None:
     assert explain("fuse").meaning == "Fusion of matched boxes."
     assert {*explain("fuse").keys} == {*FuseConfig.model_fields}

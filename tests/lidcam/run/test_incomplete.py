@@ -1,6 +1,5 @@
 """Which shortcomings of a recording count as missing: those that the user has to know of, and no others."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,7 @@ from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Drop
 from lidcam.readers.recording import Loss
 from lidcam.readers.rig.sensor_topics import SensorFault
-from lidcam.run.missing import MissingSensor, SilentSpan, absent_lines, damage_lines
+from lidcam.run.missing import damage_lines
 from lidcam.run.summary import DropCount
 from lidcam.run.tally import DropTable
 
@@ -32,17 +31,6 @@ BAG, OTHER = Path("drive.bag"), Path("a.bag")
 )
 def test_damage_counts_where_messages_may_be_lost(losses: list[Loss], lines: list[str]) -> None:
     assert damage_lines(losses) == lines
-
-
-def test_sensors_that_are_in_no_frame_and_not_those_that_pause() -> None:
-    absent = MissingSensor("cam1", "/cam1", 20, 20, ())
-    assert absent_lines([absent]) == ["cam1 is in none of the 20 frames"]
-    assert absent_lines([replace(absent, frames=5, of_frames=5)]) == []  # by chance
-    assert absent_lines([replace(absent, frames=19)]) == []
-    few = replace(absent, frames=3, of_frames=3)
-    assert [len(absent_lines([few], {"/cam1": dropped})) for dropped in (2, 3)] == [0, 1]
-    silent = MissingSensor("cam1", "/cam1", 20, 20, (SilentSpan(None, None, 20),))
-    assert absent_lines([silent]) == []
 
 
 def test_a_report_says_what_is_missing() -> None:

@@ -21,10 +21,8 @@ from small_drive import small_drive
 import lidcam
 from lidcam.pipeline.core.detections import Fused
 from lidcam.pipeline.core.frame import FrameResult
-from lidcam.run.summary import summary_tree
 from lidcam.run.tracks import FrameTracker, tracked
 
-FRAMES = 12
 NEVER = 1000
 
 
@@ -154,45 +152,3 @@ def test_a_full_disk_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_pa
         list(tracked(frames(3), Late(2), tmp_path))
     line = "cannot buffer frames there: No space left on device: free some space, or reduce track.window_s"
     assert str(caught.value) == f"{tmp_path}: {line}"
-
-
-@pytest.fixture
-def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr("lidcam.pipeline.parallel.run.START_S", 0.0)
-    write_mcap(path := tmp_path / "drive.mcap", small_drive("cdr", frames=FRAMES, kinds=("images", "boxes")))
-    return path
-
-
-def use(tracker: FrameTracker | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidcam.processing.object_tracker", lambda *_: tracker)
-
-
-def told(summary: lidcam.RunSummary) -> dict[str, Any]:
-    return {**summary_tree(summary), "timing": {}, "outputs": [], "frames_left_out": {}}
-
-
-class Silent(Late):
-    """As `Late`, and leaves no mark."""
-
-    def add_frame(self, frame: FrameResult) -> list[Fused]:
-        settled = super().add_frame(frame)
-        self._open = [replace(fused, left_out={}) for fused in self._open]
-        return [replace(fused, left_out={}) for fused in settled]
-
-
-def test_same_outputs_with_and_without_a_delay_for_any_workers(
-    recording: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    written = []
-    for number, (tracker, workers) in enumerate(((None, 1), (Silent(3, 3), 2), (Silent(NEVER), 1))):
-        (folder := recording.parent / f"{number}").mkdir()
-        use(tracker, monkeypatch)
-        outputs = [folder / "out.mcap", folder / "out.rrd"]
-        summary = lidcam.process(recording, outputs, settings=[CLUSTERS], workers=workers).summary
-        stages = summary.timing.stage_seconds
-        assert list(stages)[:2] == ["first look", "read"]
-        assert list(stages)[-3:] == ["write mcap", "write rerun", "count and check"]
-        assert ("track" in stages) == (tracker is not None)
-        written.append(((folder / "out.mcap").read_bytes(), told(summary)))
-        assert {path.suffix for path in folder.iterdir()} <= {".mcap", ".rrd", ".json"}
-    assert all(one == written[0] for one in written)

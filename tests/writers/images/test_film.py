@@ -54,9 +54,3 @@ def test_the_pace_is_that_of_the_recording(tmp_path: Path, seconds: list[float],
     assert images[0].shape == (SIZE_PX[1], SIZE_PX[0], 3)
     assert psnr_db(images[0], expected) > 25
     assert tags["comment"].startswith('lidcam.film {"version": "1.2.3"')
-
-
-def test_the_same_frames_make_the_same_bytes(tmp_path: Path) -> None:
-    for name in ("a.mp4", "b.mp4"):
-        film(tmp_path / name, [0.0, 0.1, 0.2])
-    assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()

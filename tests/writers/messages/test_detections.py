@@ -13,7 +13,6 @@ from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.rig import Zone
 from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.pipeline.core.ros.typestores import message_types
-from lidcam.pipeline.core.tracks import Tracks
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
 from lidcam.readers.messages.vision.detections3d import decode_detections3d, track_ids
 from lidcam.writers.messages.detections import detections_2d, detections_3d, lidcam_objects, track_array
@@ -122,11 +121,6 @@ def test_tracks_say_how_objects_move_and_what_they_are() -> None:
         np.testing.assert_array_equal(
             one.pose.covariance.reshape(6, 6)[np.ix_([0, 1, 5], [0, 1, 5])], boxes.covariances[row]
         )
-
-
-def test_no_tracks_is_a_message_without_any() -> None:
-    nothing = boxes3d([])
-    assert through_cdr(track_array(nothing, Tracks.none(0), NAMES, stamp_ns=1)).tracks == []
 
 
 @pytest.mark.parametrize("rows", [[], [[1, 2, 4, 10, 0.5, 0]], [[1, 2, 4, 10, 0.5, 0], [0, 0, 640, 480, 1, 4]]])

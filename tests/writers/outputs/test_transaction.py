@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from lidcam.pipeline.core.ending import undo_all
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.writers.outputs.transaction import OutputTransaction
 
@@ -263,26 +262,6 @@ def test_a_run_killed_at_any_step_leaves_whole_files_and_the_next_one_cleans_up(
         write(three(tmp_path), "next")
         assert texts(three(tmp_path)) == ["next"] * 3
         assert len(names_in(tmp_path)) == 3
-
-
-def test_an_old_folder_is_back_when_the_process_ends_between_two_renames(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rename = Path.rename
-
-    def ended(path: Path, to: Path) -> Path:
-        if to.name == "bag":
-            monkeypatch.setattr(Path, "rename", rename)
-            undo_all()
-            raise KeyboardInterrupt
-        return rename(path, to)
-
-    write_folder(tmp_path / "bag", "older")
-    monkeypatch.setattr(Path, "rename", ended)
-    with pytest.raises(KeyboardInterrupt):
-        write_folder(tmp_path / "bag", "new")
-    assert (tmp_path / "bag" / "bag.db3").read_text() == "older"
-    assert names_in(tmp_path) == ["bag"]
 
 
 def test_a_file_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,9 +1,6 @@
 """Rerun's bytes on their way to a file: what cannot be written is an error, and nothing waits for ever."""
 
 import errno
-import re
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from io import FileIO
@@ -28,19 +25,13 @@ WRITE_BYTES = 4000
 
 
 class Disk(FileIO):
-    """Takes a few kilobytes at a time, while it `goes_on`; `left` bytes until it is full."""
+    """Takes a few kilobytes at a time; `left` bytes until it is full."""
 
     left = 1 << 40
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path, "w+b")
-        self.goes_on = threading.Event()
-        self.goes_on.set()
 
     def write(self, data: Any, /) -> int:
         if self.left <= 0:
             raise OSError(errno.ENOSPC, "No space left on device")
-        self.goes_on.wait()
         count = super().write(memoryview(data)[: min(WRITE_BYTES, self.left)])
         self.left -= count
         return count
@@ -65,20 +56,8 @@ def log(stream: rr.RecordingStream, rows: int) -> None:
 
 @pytest.fixture
 def disk(tmp_path: Path) -> Iterator[Disk]:
-    with Disk(tmp_path / "out.rrd") as file:
+    with Disk(tmp_path / "out.rrd", "w+b") as file:
         yield file
-
-
-@pytest.mark.parametrize("rows", [0, 1, 50])
-def test_all_of_it_is_in_the_file(rows: int, disk: Disk, tmp_path: Path) -> None:
-    logged = recording()
-    stream = RerunStream(logged, disk, tmp_path / "out.rrd")
-    log(logged, rows)
-    stream.finish()
-    if rows:
-        command = [sys.executable, "-m", "rerun_cli", "rrd", "print", "-v", str(tmp_path / "out.rrd")]
-        printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-        assert sum(map(int, re.findall(r"with (\d+) rows .* - /count - data columns", printed))) == rows
 
 
 @pytest.mark.parametrize("left", [1, 100_000])
@@ -106,24 +85,6 @@ def test_rerun_itself_does_not_go_on(disk: Disk, tmp_path: Path, monkeypatch: py
     with pytest.raises(OutputError, match=r"out.rrd: Rerun has not written for 0 s \(Flush timed out"):
         stream.flush()
     stream.discard()
-
-
-def test_a_recording_that_is_given_up_ends_at_once(disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    logged = recording()
-    stream = RerunStream(logged, disk, tmp_path / "out.rrd")
-    disk.goes_on.clear()
-    before = disk.tell()
-    log(logged, 200)
-    disconnect = logged.disconnect
-
-    def then_disconnect() -> None:
-        disk.goes_on.set()  # it was given up by now
-        disconnect()
-
-    monkeypatch.setattr(logged, "disconnect", then_disconnect)
-    stream.discard()
-    assert (tmp_path / "out.rrd").stat().st_size <= before + 2 * WRITE_BYTES  # the rest was not written
-    assert not any(thread.name == "lidcam-rerun" for thread in threading.enumerate())
 
 
 def test_a_writer_that_fails_at_its_end_leaves_no_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,7 +19,7 @@ from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.true_boxes import TrueBoxes
 from lidcam.writers.base import ResultWriter
-from lidcam.writers.drawing import DrawnBoxes2D, DrawnObjects, drawn_boxes_2d, object_edges, with_outlines
+from lidcam.writers.drawing import DrawnBoxes2D
 from lidcam.writers.outputs.transaction import OutputTransaction
 from lidcam.writers.palette import MATCHED
 from lidcam.writers.provenance import Provenance
@@ -141,16 +141,6 @@ def test_recorded_video_is_logged_as_it_came(tmp_path: Path) -> None:
     assert sum(int(rows) for rows, columns in found if "EncodedImage:blob" in columns) == 1
     assert cleared(tmp_path) == {"/world/cameras/left/image": 1}
     assert "left: h264 video" in printed(tmp_path, "-vvv")
-
-
-def test_an_object_without_a_2d_box_is_labelled_in_the_image() -> None:
-    result = frame(0)
-    drawn = DrawnObjects.of(result, CONFIG.object_names)
-    edges = object_edges(result, ["left"])["left"]
-    boxes = drawn_boxes_2d(drawn, "left")
-    shown = with_outlines(boxes, drawn, edges)
-    alone = set(edges[1].tolist()) - set(boxes.objects)
-    assert len(shown.labels) == len(boxes.labels) + sum(bool(drawn.strong[row]) for row in alone) > len(boxes.labels)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,6 @@ from frames import CONFIG, PROVENANCE, RIG, frame
 from pyarrow import parquet
 from tracked_frames import Seen, tracked_frame
 
-from lidcam.outputs.allowed import is_own_csv, is_own_parquet
 from lidcam.pipeline.core.arrays import join_rows
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.frame import FrameResult
@@ -120,39 +119,6 @@ def test_rows_leave_memory_in_groups(tmp_path: Path, monkeypatch: pytest.MonkeyP
     file = parquet.ParquetFile(path)
     assert [file.metadata.row_group(row).num_rows for row in range(file.num_row_groups)] == [6, 6, 3]
     assert file.read(["frame"])["frame"].to_pylist() == columns_of(frames)["frame"]
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_own_tables_are_known_and_others_are_not(tmp_path: Path, kind: str) -> None:
-    is_own = {"csv": is_own_csv, "parquet": is_own_parquet}[kind]
-    own, other = tmp_path / f"own.{kind}", tmp_path / f"other.{kind}"
-    written(own, FRAMES)
-    table = pd.DataFrame({"frame": [1], "stamp_ns": [2]})
-    table.to_csv(other, index=False) if kind == "csv" else table.to_parquet(other)
-    assert (is_own(own), is_own(other)) == (True, False)
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "empty").touch()
-    assert not any(is_own(tmp_path / name) for name in ("folder", "empty", "nothing"))
-    content = own.read_bytes()
-    other.write_bytes(content[:60])
-    assert not is_own(other)
-    if kind == "parquet":
-        other.write_bytes(content[:-1])
-        assert not is_own(other)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_run_that_fails_leaves_no_open_file(tmp_path: Path, kind: str) -> None:
-    path = tmp_path / f"out.{kind}"
-
-    def failing() -> Iterator[FrameResult]:
-        yield FRAMES[0]
-        raise KeyError
-
-    with pytest.raises(KeyError):
-        written(path, failing())
-    path.unlink()
-    written(path, FRAMES)
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from evaluation_frames import frame_of, rows_at, source_boxes, truth_boxes
 
-from lidcam.cli.printing.evaluation import AP_3D, AP_BEV, print_evaluation, shown_ap
+from lidcam.cli.printing.evaluation import AP_3D, AP_BEV, mistake_note, print_evaluation, shown_ap
 from lidcam.cli.printing.terminal import console
 from lidcam.evaluation.evaluation import Evaluation, Truth
 from lidcam.evaluation.evaluators import evaluators_of, measure
@@ -140,3 +140,30 @@ def test_requirements_and_warnings_come_last() -> None:
         "note: a note",
         "warning: fused: something; try this",
     ]
+
+
+MISTAKE: dict[str, Any] = {
+    "class": "truck",
+    "label": None,
+    "cause": "nothing",
+    "frames": 12,
+    "worst_s": 1.25,
+    "x_m": -12.34,
+    "y_m": 5.0,
+    "score": 0.875,
+    "lidar_points": None,
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "changes", "note"),
+    [
+        ("false", {}, "score 0.88, no object there"),
+        ("false", {"label": "van", "cause": "class"}, "score 0.88, is a van"),
+        ("false", {"label": "van", "cause": "second"}, "score 0.88, second box of a van"),
+        ("missed", {"label": "truck", "lidar_points": 7}, "7 points"),
+        ("missed", {"label": "truck"}, "points unknown"),
+    ],
+)
+def test_notes(kind: str, changes: dict[str, Any], note: str) -> None:
+    assert mistake_note(kind, MISTAKE | changes) == note

@@ -101,9 +101,11 @@ def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
 
 
 def test_no_other_file_is_appended_to(tmp_path: Path) -> None:
-    """One that the run reads was; links and pipes are in tests/lidcam/outputs/test_planted.py."""
     file = tmp_path / "truth.txt"
     file.write_text("0.1 1 2 3")
     with pytest.raises(OutputError, match=r"truth\.txt: expected a new file or an earlier log of lidcam"):
         configure_logging(Verbosity.NORMAL, file)
+    (tmp_path / "run.log").symlink_to(file)
+    with pytest.raises(OutputError, match=r"run\.log: expected a log file, found a link"):
+        configure_logging(Verbosity.NORMAL, tmp_path / "run.log")
     assert file.read_text() == "0.1 1 2 3"

@@ -32,20 +32,6 @@ def test_objects_by_zone() -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    ("objects", "zones", "frames", "row"),
-    [
-        ({("car", ""): 3}, [], 1, ["car", "3", "3.0"]),
-        ({("car", ""): 3}, [], 0, ["car", "3", "3.0"]),
-        ({}, ["a"], 5, ["none", "0", "0", "0", "0.0"]),
-    ],
-)
-def test_few_objects(objects: dict[tuple[str, str], int], zones: list[str], frames: int, row: list[str]) -> None:
-    header, found = text(objects_table(objects, zones, frames))
-    assert header.split() == ["class", *zones, *["outside"] * bool(zones), "all", "per", "frame"]
-    assert found.split() == row
-
-
 USERS = RoadUsers(
     (
         RoadUserCount("car", "north", 12, 11, 1, 8.25, 13.94),

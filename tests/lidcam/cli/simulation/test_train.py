@@ -42,14 +42,6 @@ def test_the_state_of_a_training_stays_until_another_begins(tmp_path: Path, opti
     assert state.read_text(encoding="utf-8") == "mine"
 
 
-def test_a_network_is_not_converted_onto_itself(tmp_path: Path) -> None:
-    (tmp_path / "net.onnx").write_text("mine", encoding="utf-8")
-    names = [str(tmp_path / "net.onnx"), "--out", str(tmp_path / "net.onnx"), "--overwrite"]
-    done = CliRunner().invoke(app, ["train", "convert", *names])
-    assert isinstance(done.exception, OutputError)
-    assert "is an input of this run" in str(done.exception)
-
-
 @pytest.mark.parametrize(
     ("recording", "command", "expected"),
     [

@@ -38,8 +38,8 @@ def test_our_copies_equal_the_published_definitions() -> None:
     published = dict(zip(blocks[::2], blocks[1::2], strict=True))
     store = release_types(RELEASES[2])
     ours = {name for name in store.fielddefs if name.startswith(("foxglove_msgs/", "vision_msgs/"))}
-    assert ours
-    for name in ours:
+    assert ours - published.keys() == {"foxglove_msgs/msg/CompressedPointCloud"}, "newer than the copy"
+    for name in ours & published.keys():
         text = store.generate_msgdef(name, ros_version=2)[0].partition("=" * 80)[0]
         package = name.split("/")[0]
         expected = re.sub(rf"^(?:{package}/)?([A-Z])", rf"{package}/\1", published[name], flags=re.MULTILINE)
