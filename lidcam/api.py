@@ -4,7 +4,7 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import ExitStack
 from functools import partial
 from importlib.metadata import version
-from os import PathLike
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Literal, Unpack
 
@@ -208,7 +208,7 @@ def iter_frames(
 
 @with_job_keywords(*SharedOptions.__annotations__)
 def batch(
-    recordings: str | Sequence[str],
+    recordings: FilePath | Sequence[FilePath],
     output: PathOrUrl,
     *,
     jobs: int | None = None,
@@ -263,7 +263,7 @@ def batch(
     wanted = {"--rerun": rerun, "--report": report, "--objects": objects, "--video": video}
     (place,) = locations(output)
     done = process_batch(
-        [recordings] if isinstance(recordings, str) else recordings,
+        [fspath(one) for one in ([recordings] if isinstance(recordings, str | PathLike) else recordings)],
         place,
         jobs=jobs,
         engine=engine,
@@ -427,6 +427,8 @@ def export(
     """
     if every < 1:
         raise ConfigError(f"every: expected 1 or more, found {every}")
+    if only not in {None, "confirmed"}:
+        raise ConfigError(f"only: expected confirmed or None, found {only!r}")
     options = ExportOptions(confirmed=only == "confirmed", every=every, camera=camera, truth=locations(truth))
     paths = [results] if isinstance(results, str | PathLike) else results
     return export_results([Path(path) for path in paths], Path(output), format, options)

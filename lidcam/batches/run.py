@@ -164,6 +164,10 @@ def process_batch(
     """
     if unknown := options.keys() - SharedOptions.__annotations__.keys():
         raise TypeError(f"expected options of lidcam.batch, got {', '.join(unknown)}")
+    if engine not in {"local", "ray"}:
+        raise ConfigError(f"engine: expected local or ray, found {engine!r}")
+    if jobs is not None and jobs < 1:
+        raise ConfigError(f"jobs: expected 1 or more, found {jobs}")
     if address is not None and engine != "ray":
         raise ConfigError("address: expected the engine ray with it")
     if save_matches and not isinstance(out, Path):

@@ -39,7 +39,7 @@ def batch(
         ),
     ],
     out: Annotated[
-        str, typer.Option("--out", metavar="DIR", help="Folder for the results; may be s3://bucket/folder.")
+        str, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results; may be s3://bucket/folder.")
     ],
     jobs: Annotated[
         int | None,
@@ -74,6 +74,7 @@ def batch(
     """
     from dataclasses import asdict
 
+    from lidcam.batches.jobs import INDEX
     from lidcam.batches.run import process_batch
     from lidcam.cli.printing.batch import print_batch, shown_batch
     from lidcam.cli.printing.terminal import console, show_json
@@ -101,7 +102,7 @@ def batch(
         show_json(console(), {"jobs": [asdict(record) for record in done.records]})
     else:
         print_batch(console(), done.records, everything=is_verbose())
-    remark_log.info("wrote %s", done.table)
+    remark_log.info("wrote %s, and %s to look at", done.table, INDEX)
     _verdict(done.records, done.count).end()
 
 

@@ -23,7 +23,7 @@ Examples:
 def export(
     results: Annotated[list[Path], typer.Argument(metavar="RESULT.mcap...", help="What `lidcam process` wrote.")],
     format_name: Annotated[DatasetFormat, typer.Option("--format", help="Layout of the data set.")],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Output folder; must be empty or not exist.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Output folder; must be empty or not exist.")],
     only: Annotated[
         Literal["confirmed"] | None, typer.Option("--only", help="Only objects that a camera confirms.")
     ] = None,

@@ -3,6 +3,7 @@
 import logging
 import os
 import re
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
@@ -176,8 +177,10 @@ def process(
 
 def _places(paths: Sequence[str], out: str | None) -> "tuple[list[Location], Any, Path | None]":
     """The inputs, the result, and the folder that it is written into if only that is known."""
-    *inputs, last = map(location, paths)
+    *inputs, last = map(_named, map(location, paths))
     if out is not None or not inputs:
+        if out is not None and inputs and _is_output(last):
+            raise typer.BadParameter(f"names the output, and so does {last}: leave one out", param_hint="--out")
         inputs = [*inputs, last]
         if out is not None and out.endswith(".mcap"):
             return inputs, location(out), None
@@ -188,10 +191,22 @@ def _places(paths: Sequence[str], out: str | None) -> "tuple[list[Location], Any
     if not last.name.endswith(".mcap"):
         raise typer.BadParameter(
             f"the output comes last and ends in .mcap, found {last}; for several recordings: "
-            f"lidcam batch {' '.join(paths)} --out DIR",
+            f"lidcam batch {shlex.join(paths)} --out DIR",
             param_hint="OUT.mcap",
         )
     return inputs, last, None
+
+
+def _named(place: Location) -> Location:
+    """A place with a name of its own: `.` and `..` have none."""
+    return place.resolve() if isinstance(place, Path) and place.name in {"", ".."} else place
+
+
+def _is_output(place: Location) -> bool:
+    """Whether a place is a result, or an MCAP that is not there yet."""
+    from lidcam.outputs.allowed import is_own_mcap
+
+    return isinstance(place, Path) and place.suffix == ".mcap" and (not place.exists() or is_own_mcap(place))
 
 
 def _check_single(folder: Path) -> None:
@@ -201,8 +216,9 @@ def _check_single(folder: Path) -> None:
     names = sorted(path.name for path in folder.iterdir() if path.name.lower().endswith(ENDINGS))
     stems = {re.sub(r"_\d+$", "", recording_stem(name)) for name in names}
     if len(stems) > 1 or any(name.endswith(".bag") for name in names):
+        count = f"{len(names)} recording{'s' * (len(names) != 1)}"
         raise typer.BadParameter(
-            f"{folder} holds {len(names)} recordings; process all of them: lidcam batch {folder} --out DIR",
+            f"{folder} holds {count}; process all of them: lidcam batch {shlex.quote(str(folder))} --out DIR",
             param_hint="IN",
         )
 
@@ -212,14 +228,16 @@ def _folder(recording: Location) -> Path:
     from lidcam.outputs.allowed import is_own_mcap
 
     if isinstance(recording, Path):
-        if recording.suffix in {".rrd", ".html"} or (recording.suffix == ".mcap" and is_own_mcap(recording)):
+        inside = sorted(recording.glob("*.mcap")) if recording.is_dir() else [recording]
+        if recording.suffix in {".rrd", ".html"} or any(
+            path.suffix == ".mcap" and is_own_mcap(path) for path in inside
+        ):
             raise typer.BadParameter(
-                f"{recording} is a result of lidcam: `lidcam view {recording}` opens it; to process it as a recording, "
-                "name an output",
+                f"{recording} is a result of lidcam: `lidcam view {shlex.quote(str(recording))}` opens it; to process "
+                "it as a recording, name an output",
                 param_hint="IN",
             )
         _check_single(recording)
-        recording = recording.resolve() if recording.name in {"", ".."} else recording
     name = f"{recording_stem(recording.name)}.lidcam"
     return recording.with_name(name) if isinstance(recording, Path) else Path(name)
 

@@ -20,7 +20,8 @@ Examples:
 @with_log_options
 def view(
     result: Annotated[
-        Path, typer.Argument(metavar="RESULT", help="What `lidcam process` wrote: .rrd, .html or .mcap.")
+        Path,
+        typer.Argument(metavar="RESULT", help="Result: .rrd, .html or .mcap, or the folder of these."),
     ],
 ) -> None:
     """Open a result: a .rrd in Rerun, a page in the browser.
@@ -34,6 +35,9 @@ def view(
     from lidcam.cli.printing.terminal import console
     from lidcam.outputs.registry import output_of
 
+    if result.is_dir():  # of `lidcam drive.bag`
+        found = [path for ending in ("*.rrd", "*.html", "*.mcap") for path in sorted(result.glob(ending))]
+        result = found[0] if found else result
     if not result.is_file():
         raise OutputError(f"{result}: expected a result to open, found no such file")
     if result.suffix == ".rrd":

@@ -46,9 +46,7 @@ def count_lines(objects: Objects, places: F64, lines: Mapping[str, Line]) -> tup
     goes_on = tracks[1:] == tracks[:-1]
     found = []
     for name, line in lines.items():
-        ends = np.array(line, np.float64)
-        if ends.shape != (2, 2) or not np.isfinite(ends).all() or (ends[0] == ends[1]).all():
-            raise ConfigError(f"lines: {name}: expected two different ends ((x, y), (x, y)) in metres, found {line}")
+        ends = line_ends(name, line)
         steps = np.where(goes_on, _crossings(xy[:-1], xy[1:], ends), 0)
         nets = np.bincount(rows[1:], steps, len(numbers)) if len(numbers) else np.zeros(0)
         for class_id in np.unique(classes[nets != 0]).tolist():
@@ -56,6 +54,21 @@ def count_lines(objects: Objects, places: F64, lines: Mapping[str, Line]) -> tup
             counts = int((own > 0).sum()), int((own < 0).sum())
             found.append(LineCount(name, objects.class_names[class_id], *counts))
     return tuple(found)
+
+
+def line_ends(name: str, line: Line) -> F64:
+    """(2, 2) the ends of a line, metres.
+
+    Raises:
+        ConfigError: it has not two different ends.
+    """
+    try:
+        ends = np.array(line, np.float64)
+    except (TypeError, ValueError):
+        ends = np.zeros(0)
+    if ends.shape != (2, 2) or not np.isfinite(ends).all() or (ends[0] == ends[1]).all():
+        raise ConfigError(f"lines: {name}: expected two different ends ((x, y), (x, y)) in metres, found {line}")
+    return ends
 
 
 def _classes(rows: I64, class_ids: I64, class_count: int, track_count: int) -> I64:

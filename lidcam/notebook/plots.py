@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lidcam.notebook.counting import Line, LineCount
+from lidcam.notebook.counting import Line, LineCount, line_ends
 from lidcam.notebook.site_map import SiteMap
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import LidcamError
@@ -55,7 +55,7 @@ def plot_tracks(objects: Objects, site: SiteMap, rig: Rig, lines: Mapping[str, L
     for zone in rig.counted_zones if not site.moves else ():
         _outline(axes, zone.polygon_site, zone.name, low, high)
     for name, line in lines.items():
-        ends = np.array(line, np.float64)
+        ends = line_ends(name, line)
         axes.plot(*ends.T, color=INK, linewidth=2.5, solid_capstyle="butt", zorder=4)
         _name_line(axes, name, ends)
     if site.moves and not site.is_adrift:

@@ -46,7 +46,7 @@ def _replaceable(output: Output) -> Replaceable:
     is_own = loaded(output.is_own)
     if output.folder_of:
         return Replaceable(is_own, f"exists and holds more than the {output.folder_of} of an earlier run", True)
-    return Replaceable(is_own, "exists and was not written by lidcam (the output is the last argument)")
+    return Replaceable(is_own, "exists and was not written by lidcam (the output comes last, or behind -o)")
 
 
 def written_files(job: Job) -> tuple[Path, ...]:

@@ -53,6 +53,8 @@ class Found3D:
         set_field("labels", names)
         set_field("centers", _numbers("centers", centers, (len(names), 3)))
         set_field("sizes", _numbers("sizes", sizes, (len(names), 3), low=0.0))
+        if not (self.sizes > 0).all():
+            raise ValueError("sizes: expected more than 0 m, found 0")
         set_field("yaws", _numbers("yaws", yaws, (len(names),)))
         set_field("scores", _numbers("scores", scores, (len(names),), low=0.0, high=1.0))
 
@@ -84,6 +86,8 @@ class Found2D:
         set_field = partial(object.__setattr__, self)
         set_field("labels", names)
         set_field("xyxy", _numbers("xyxy", xyxy, (len(names), 4)))
+        if not (self.xyxy[:, 2:] > self.xyxy[:, :2]).all():
+            raise ValueError("xyxy: expected left < right and top < bottom, found a box that is empty or turned over")
         set_field("scores", _numbers("scores", scores, (len(names),), low=0.0, high=1.0))
 
 
@@ -183,6 +187,9 @@ class GivenDetector2D:
         for image in images:
             found = _checked(self._find(image), Found2D, "detector_2d", self._find)
             self.unused += _class_ids(found.labels, self._class_id_of_label)[1]
+            plain = [_plain(label) for label in found.labels]
+            others = [one for one in plain if one not in self._rows and one in self._class_id_of_label]
+            self.unused += Counter(f"label {one!r} is none of the detector's own" for one in others)
             rows = [self._rows.get(_plain(label), self._rows[""]) for label in found.labels]
             scores = found.scores.astype(np.float32)
             proposed.append(Candidates2D(found.xyxy.astype(np.float32), scores, np.array(rows, np.int64)))

@@ -45,8 +45,10 @@ class Detect2D:
         self._is_person = np.array([label == PERSON for label in labels])
         self._is_ridden = np.array([label in RIDDEN for label in labels])
         if not (self._class_ids >= 0).any():
+            known = [label for label in detector.labels if label]
+            listed = f"{', '.join(known[:8])}{', ...' * (len(known) > 8)}"
             raise ConfigError(
-                f"classes: expected labels that the 2D detector knows ({', '.join(detector.labels[:8])}, ...), "
+                f"classes: expected labels that the 2D detector knows ({listed}), "
                 f"found {', '.join(class_id_of_label)}; add them to classes.N.labels"
             )
         self._rig, self._settings = rig, config.detect2d

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from builders import write_rosbag1
+from builders import write_mcap, write_rosbag1
 from command import Lidcam
 from helpers import CLUSTERS
 from small_drive import small_drive
@@ -49,4 +49,20 @@ def test_a_result_is_no_recording(lidcam: Lidcam, folder: Path) -> None:
     again = lidcam("out.mcap", folder=folder)
     assert again.code == 2
     assert "out.mcap is a result of lidcam: `lidcam view out.mcap` opens it" in " ".join(again.err.split())
+    assert lidcam("drive.bag", *PART, folder=folder).code == 0
+    inside = lidcam("drive.lidcam", folder=folder)
+    assert inside.code == 2
+    assert "drive.lidcam is a result of lidcam" in " ".join(inside.err.split())
+    both = lidcam("process", "drive.bag", "out.mcap", "-o", "other", folder=folder)
+    assert both.code == 2
+    assert "names the output, and so does out.mcap" in " ".join(both.err.split())
     assert "note: out.mcap is a result of lidcam: see lidcam view" in lidcam("inspect", "out.mcap", folder=folder).out
+
+
+def test_a_folder_that_one_stands_in(lidcam: Lidcam, folder: Path) -> None:
+    (folder / "a run").mkdir()
+    write_mcap(folder / "a run" / "part_0.mcap", small_drive("cdr", frames=3))
+    run = lidcam(".", *PART, folder=folder / "a run")
+    assert run.code == 0, run.err
+    assert (folder / "a run.lidcam" / "a run.mcap").is_file()
+    assert f"lidcam view '{folder / 'a run.lidcam' / 'a run.rrd'}'" in run.out

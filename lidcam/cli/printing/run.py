@@ -1,5 +1,6 @@
 """Printing of a run: a dozen lines on who moved and who stood, and all tables behind `--verbose`."""
 
+import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import astuple
 from pathlib import Path
@@ -44,7 +45,9 @@ def print_summary(out: Console, summary: RunSummary, units: Units = "km/h") -> N
     frames, sensors, timing = summary.frames, summary.sensors, summary.timing
     if sensors.box_words[1]:
         show_line(out, sensors.box_words[1], "bold yellow")
-    rate = f" in {timing.wall_seconds:.1f} s, {timing.frames_per_second:.1f} per second" if timing.wall_seconds else ""
+    rate = (
+        f" in {timing.wall_seconds:.1f} s, {timing.frames_per_second:.1f} per second" if timing.wall_seconds > 0 else ""
+    )
     show_line(out, f"{_plural(frames.count, 'frame')}{rate}", "bold")
     show_line(out, _setup(summary))
     _print_road_users(out, summary, units)
@@ -138,7 +141,7 @@ def _first(lines: list[str], more: str) -> list[str]:
 def _look(summary: RunSummary) -> str:
     """The command that opens the outputs; empty where none can be opened."""
     found = {path.suffix: path for path in summary.outputs}
-    opened = [f"lidcam view {found[ending]}" for ending in (".rrd", ".html") if ending in found]
+    opened = [f"lidcam view {shlex.quote(str(found[ending]))}" for ending in (".rrd", ".html") if ending in found]
     if ".mp4" in found:
         opened.append(f"play {found['.mp4']}")
     if ".mcap" in found:

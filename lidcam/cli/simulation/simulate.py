@@ -82,6 +82,5 @@ def simulate(
 
 def log_recording(output: Path, messages: int, recorded_s: float) -> None:
     """Log what was written."""
-    files = [output] if output.is_file() else sorted(output.iterdir())
-    size_mib = sum(file.stat().st_size for file in files) / 2**20
+    size_mib = output.stat().st_size / 2**20
     remark_log.info("wrote %s: %d messages, %.1f s, %.1f MiB", output, messages, recorded_s, size_mib)

@@ -108,7 +108,7 @@ def synchronize(
             on_drop=drop,
         )
     sets = _sets(_counted(messages, stats.received, waiting), finder)
-    return _bundles(sets, topics, dropped_before, stats, waiting)
+    return _bundles(sets, topics, dropped_before, stats, waiting, config.every)
 
 
 @dataclass(slots=True)
@@ -178,11 +178,13 @@ def _bundles(
     dropped_before: Counter[tuple[str, str]],
     stats: SyncStats,
     waiting: _Waiting,
+    every: int,
 ) -> Iterator[SensorBundle]:
     for reference, by_topic in sets:
         messages = {topic: by_topic[index] for index, topic in enumerate(topics) if index in by_topic}
         waiting.bytes -= sum(len(message.data) for message in messages.values())
-        lacking = [topic for topic in topics if topic not in messages]
+        is_kept = stats.sets % every == 0  # of the others nothing is missed
+        lacking = [topic for topic in topics if topic not in messages] if is_kept else []
         bundle = SensorBundle(
             stats.sets,
             reference.stamp_ns,
