@@ -76,7 +76,7 @@ MAX_LINES = {
     "pipeline/stages": (3150, 3160),
     "pipeline/tracking": (2100, 870),
     "readers": (860, 520),
-    "readers/files": (3420, 1900),
+    "readers/files": (3430, 1940),
     "readers/messages": (3220, 2480),
     "readers/ouster": (460, 260),
     "readers/results": (510, 290),

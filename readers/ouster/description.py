@@ -66,6 +66,7 @@ def descriptions_beside(paths: Sequence[Location]) -> Iterator[tuple[Path, str]]
         for file in sorted(path.parent.glob("*.json")):
             with suppress(OSError):  # who may not read it cannot use it
                 is_named = file.name.startswith(path.stem) or path.name.startswith(file.stem)
+                is_named &= not file.name.endswith(".foxglove.json")  # the layout beside a result
                 if is_named and file.stat().st_size <= MAX_METADATA_CHARACTERS:
                     yield file, file.read_text(encoding="utf-8", errors="replace")
 

@@ -31,7 +31,7 @@ from lidcam.readers.rig.undecoded import undecoded
 BEYOND_SITE = frozenset({"earth", "utm"})
 """Frames with coordinates of millions of metres, in which float32 points would lose their centimetres."""
 
-CLOUD_TYPES = "sensor_msgs/PointCloud2, packets of a Velodyne or an Ouster, or Livox's CustomMsg"
+CLOUD_TYPES = "sensor_msgs/PointCloud2, plain or compressed, packets of a Velodyne or an Ouster, or Livox's CustomMsg"
 """The types of `CLOUD` as users call them."""
 
 MAX_LISTED = 10

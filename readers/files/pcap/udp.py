@@ -97,6 +97,10 @@ MAX_OPEN = 256
 """Packets of which fragments may be missing at a time."""
 
 
+MAX_SPAN_BYTES = 8 << 20
+"""Maximum distance in the file between fragments of one packet; the numbers of packets begin again after 65,536."""
+
+
 class Reassembly:
     """Puts packets together from fragments, in whatever order they come; those that lack some are given up in turn.
 
@@ -110,6 +114,11 @@ class Reassembly:
 
     def add(self, fragment: Fragment, position: int, head: bytes) -> Datagram | None:
         """Add a fragment of the packet captured at `position`; returns the packet that it completes."""
+        while self._open:
+            first, parts = next(iter(self._open.items()))
+            if position - next(iter(parts.values()))[1] <= MAX_SPAN_BYTES:
+                break
+            self.given_up += len(self._open.pop(first))
         parts = self._open.setdefault(fragment.packet, {})
         parts[fragment.offset] = fragment, position + fragment.data_at, head[fragment.data_at :]
         if len(self._open) > MAX_OPEN:

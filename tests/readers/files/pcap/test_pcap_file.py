@@ -10,7 +10,17 @@ from velodyne import START_NS, random_packets
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.readers.files.pcap.udp import CUT_SHORT, FRAGMENTS, NOT_IPV4, NOT_UDP, UNKNOWN_LINK, Datagram, find_udp
+from lidcam.readers.files.pcap.udp import (
+    CUT_SHORT,
+    FRAGMENTS,
+    NOT_IPV4,
+    NOT_UDP,
+    UNKNOWN_LINK,
+    Datagram,
+    Fragment,
+    Reassembly,
+    find_udp,
+)
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.open import open_recording
 
@@ -186,3 +196,25 @@ def test_memory_does_not_hold_the_packets(tmp_path: Path) -> None:
     tracemalloc.stop()
     assert path.stat().st_size > 10_000_000
     assert most < 4_000_000
+
+
+HEAD, TAIL = (Fragment((b"12345678", 7), 0, False, 0, 16), Fragment((b"12345678", 7), 16, True, 0, 8))
+
+
+def test_fragments_are_put_together_in_any_order() -> None:
+    for order in ((HEAD, TAIL), (TAIL, HEAD)):
+        found = Reassembly()
+        assert found.add(order[0], 100, bytes(16)) is None
+        whole = found.add(order[1], 200, bytes(16))
+        assert whole is not None
+        assert sum(size for _, size in whole.pieces) == 16, "without UDP's header"
+        assert found.close() == 0
+
+
+def test_a_number_that_comes_again_is_of_another_packet() -> None:
+    """The number of a packet has 16 bits; what was left of the first one is given up, and counted."""
+    found = Reassembly()
+    assert found.add(TAIL, 100, bytes(8)) is None
+    assert found.add(HEAD, 100_000_000, bytes(16)) is None
+    assert found.add(TAIL, 100_000_100, bytes(8)) is not None
+    assert found.close() == 1
