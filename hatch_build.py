@@ -34,7 +34,7 @@ class NativeModule(BuildHookInterface[Any]):
         else:
             build_data["force_include"][str(made)] = f"lidcam/pipeline/native/{made.name}"
 
-    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:  # noqa: ARG002
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:  # noqa: ARG002  # hatchling's
         """Remove what was needed while the wheel was made."""
         self._scratch.cleanup()
 

@@ -124,12 +124,12 @@ def test_a_batch(tmp_path: Path) -> None:
     assert "bad" in str(done)
     assert "<pre" in done._repr_html_()  # type: ignore[attr-defined]  # of what notebooks show, a subclass
     with pytest.raises(TypeError, match="view"):
-        lidcam.batch("in", "out", view=True)  # type: ignore[call-arg]
+        lidcam.batch("in", "out", view=True)  # type: ignore[call-arg]  # wrong on purpose
 
 
 def test_what_is_not_known_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(lidcam.ModelError, match="fetch: expected yolox-nano, yolox-tiny, yolox-s, found 'yolo'"):
-        lidcam.fetch("yolo")  # type: ignore[arg-type]
+        lidcam.fetch("yolo")  # type: ignore[arg-type]  # wrong on purpose
     with pytest.raises(lidcam.ConfigError, match="sandbx"):
         lidcam.simulate("sandbx", tmp_path / "out.bag")
 

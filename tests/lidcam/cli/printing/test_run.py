@@ -19,7 +19,7 @@ DROP = DropCount("/image", "no partner within 0.05 s", 3, "")
 
 
 def short(units: Units = "km/h", **changes: object) -> list[str]:
-    summary: RunSummary = replace(sound_summary(), **changes)  # type: ignore[arg-type]
+    summary: RunSummary = replace(sound_summary(), **changes)  # type: ignore[arg-type]  # of any field
     return printed(summary, details=False, units=units).splitlines()
 
 

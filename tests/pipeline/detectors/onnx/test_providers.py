@@ -37,8 +37,7 @@ def install(monkeypatch: pytest.MonkeyPatch, *, name: str = CUDA, is_sound: bool
     plugin.get_ep_name, plugin.get_library_path = lambda: name, lambda: NO_LIBRARY  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, plugin.__name__, plugin)
     if is_sound:
-        register = lambda *given: registered.append(given)  # noqa: E731
-        monkeypatch.setattr(onnxruntime, "register_execution_provider_library", register)
+        monkeypatch.setattr(onnxruntime, "register_execution_provider_library", lambda *given: registered.append(given))
     return registered
 
 
