@@ -97,7 +97,9 @@ class CameraError:
     covariance: F64  # (7, 7) float64
     habit_sigma: float  # Standard deviation of the largest of the shares among them
     habits: EdgeHabits  # Excess of the 2D boxes over the outlines of objects
-    noise: tuple[float, float]  # Standard deviation of edges: pixels, and a share of the root of the area of the 2D box
+    # Standard deviations of left and right edges, and of upper and lower ones: pixels, and a share of the root of the
+    # area of the 2D box
+    noise: tuple[tuple[float, float], tuple[float, float]]
     size_m: float  # Object size: median of the geometric mean of length and width, metres
     pairs: int  # Number of pairs used
     tracks: int  # Number of tracks they belong to
@@ -177,7 +179,7 @@ def camera_error(
         covariance=np.outer(is_free, is_free) * (covariance[:7, :7] + np.diag(min_sigmas**2)),
         habit_sigma=float(np.sqrt(np.diag(covariance)[7:10].max())),
         habits=EdgeHabits(*values[7:].tolist()),
-        noise=(float(fit.pixel_sigma_px), float(fit.outline_sigma)),
+        noise=(fit.noise[0], fit.noise[1]),
         size_m=fit.size_m,
         pairs=int(used.sum()),
         tracks=len(np.unique(pairs.tracks[used])),
@@ -199,7 +201,8 @@ class _Fit:
         self._outline = rounded_outline(pairs.sizes, bent=self._cameras.lenses.bends)
         extent = np.maximum(pairs.xyxy[:, 2:] - pairs.xyxy[:, :2], 1.0)
         self._area_px2 = extent.prod(1)
-        self.pixel_sigma_px, self.outline_sigma = config.pixel_sigma_px, config.outline_sigma
+        self._config = config
+        self.noise = [(config.pixel_sigma_px, config.outline_sigma)] * 2
         self._habits = excess_slopes(extent)
         self._box_covariances = self._covariances_of_boxes(lidar_xy, config)
         self.size_m = float(np.median(np.sqrt(pairs.sizes[:, :2].prod(1))))
@@ -249,8 +252,8 @@ class _Fit:
             shifted[k] += step
             slopes[:, :, k] = (self._predicted(shifted)[0] - edges) / step
         covariances = by_box @ self._box_covariances @ by_box.swapaxes(1, 2)
-        noise_px2 = self.pixel_sigma_px**2 + self.outline_sigma**2 * self._area_px2
-        root = np.linalg.cholesky(covariances + noise_px2[:, None, None] * np.eye(4))
+        noise_px2 = np.array([pixel_px**2 + outline**2 * self._area_px2 for pixel_px, outline in self.noise * 2])
+        root = np.linalg.cholesky(covariances + noise_px2.T[:, None] * np.eye(4))
         residuals = np.linalg.solve(root, (self._pairs.xyxy - predicted)[..., None])[..., 0]
         return np.asarray(residuals, np.float64), np.linalg.solve(root, slopes), valid
 
@@ -259,16 +262,18 @@ class _Fit:
         edges, by_box, valid = self._predicted(values[:7])
         residuals = (self._pairs.xyxy - edges - self._habits @ values[7:])[valid]
         of_boxes = (by_box @ self._box_covariances @ by_box.swapaxes(1, 2))[valid]
-        best, pixel_px, outline = -np.inf, self.pixel_sigma_px, self.outline_sigma
-        for one, other in product(NOISE_FACTORS, NOISE_FACTORS):
-            noise_px2 = (one * pixel_px) ** 2 + (other * outline) ** 2 * self._area_px2[valid]
-            covariances = of_boxes + noise_px2[:, None, None] * np.eye(4)
-            squared = (residuals * np.linalg.solve(covariances, residuals[..., None])[..., 0]).sum(1)
-            spread = np.log1p(squared / NOISE_FREEDOM) * (NOISE_FREEDOM + 4) / 2
-            likelihood = -(np.linalg.slogdet(covariances)[1] / 2 + spread).sum() / NOISE_CORRELATION
-            likelihood -= (np.log(one) ** 2 + np.log(other) ** 2) / NOISE_FACTOR_SIGMA**2 / 2
-            if likelihood > best:
-                best, self.pixel_sigma_px, self.outline_sigma = likelihood, one * pixel_px, other * outline
+        pixel_px, outline = self._config.pixel_sigma_px, self._config.outline_sigma
+        for axis in range(2):
+            residual, of_box, best = residuals[:, axis::2], of_boxes[:, axis::2, axis::2], -np.inf
+            for one, other in product(NOISE_FACTORS, NOISE_FACTORS):
+                noise_px2 = (one * pixel_px) ** 2 + (other * outline) ** 2 * self._area_px2[valid]
+                covariances = of_box + noise_px2[:, None, None] * np.eye(2)
+                squared = (residual * np.linalg.solve(covariances, residual[..., None])[..., 0]).sum(1)
+                spread = np.log1p(squared / NOISE_FREEDOM) * (NOISE_FREEDOM + 2) / 2
+                likelihood = -(np.linalg.slogdet(covariances)[1] / 2 + spread).sum() / NOISE_CORRELATION
+                likelihood -= (np.log(one) ** 2 + np.log(other) ** 2) / NOISE_FACTOR_SIGMA**2 / 2
+                if likelihood > best:
+                    best, self.noise[axis] = likelihood, (float(one * pixel_px), float(other * outline))
 
     def _T_later_site(self, delay_s: float) -> F64:
         """(P, 4, 4) from the site at the frame's time to the site as it stands `delay_s` after the image's stamp."""

@@ -134,12 +134,15 @@ class Matches:
         iou: (M,) float32, overlap of the projected 3D box and the 2D box.
         projected_xyxy: (N, 4) float32, every 3D box in this image in pixels, clipped to it; NaN if not visible.
         hidden: (N,) float32 in [0, 1], share of that rectangle that nearer 3D boxes cover; 0 where not visible.
+        edge_depths_px: (N, 4) float32, how deep a nearer 3D box covers its left, top, right and bottom edge; 0 for free
+            edges.
     """
 
     pairs: I64
     iou: F32
     projected_xyxy: F32
     hidden: F32
+    edge_depths_px: F32
 
     __repr__ = brief
 
@@ -148,6 +151,7 @@ class Matches:
         check_array("iou", self.iou, (len(self.iou),), np.float32)
         check_array("projected_xyxy", self.projected_xyxy, (len(self.projected_xyxy), 4), np.float32)
         check_array("hidden", self.hidden, (len(self.projected_xyxy),), np.float32)
+        check_array("edge_depths_px", self.edge_depths_px, (len(self.projected_xyxy), 4), np.float32)
 
     def __len__(self) -> int:
         return len(self.iou)

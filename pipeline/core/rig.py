@@ -65,8 +65,9 @@ class CameraFit:
     delay_sigma_s: float = 0.0  # Standard deviation of the delay after that, seconds; 0 where nothing has checked it
     habits: EdgeHabits = NO_HABITS
     habit_sigma: float = HABIT_SIGMA  # Standard deviation of the excess after that, as a share of width and height
-    # Standard deviation of the edges of its 2D boxes: pixels, and a share of the root of their area; None: the settings
-    noise: tuple[float, float] | None = None
+    # Standard deviations of the edges of its 2D boxes, of left and right, and of top and bottom: pixels, and a share of
+    # the root of their area; None: the settings
+    noise: tuple[tuple[float, float], tuple[float, float]] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -70,7 +70,7 @@ def shown_boxes(
     """
     arrays = CameraArrays.of([view])
     seen = project_into_views(objects, [view], arrays)
-    hidden, _ = hidden_parts(objects, seen, arrays.positions)
+    hidden, _, _ = hidden_parts(objects, seen, arrays.positions)
     xyxy, rows = _rounded(objects, seen.rows, arrays, seen.xyxy), seen.rows
     found = Boxes2D.empty(objects.stamp_ns, "") if found is None else found
     limits = arrays.limits[0].astype(np.float32)

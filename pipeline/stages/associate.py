@@ -89,11 +89,11 @@ class Associate:
         rows3d = _rank3d(boxes3d)  # row order decides between assignments of equal value
         ranked = boxes3d.select(rows3d)
         seen = project_into_views(ranked, cameras, arrays)
-        hidden, rest = hidden_parts(ranked, seen, arrays.positions)
+        hidden, rest, depths = hidden_parts(ranked, seen, arrays.positions)
         found = self._found_boxes(boxes2d, arrays)
         pairs = near_pairs(seen.xyxy, seen.cameras, found.xyxy, found.cameras, min_giou=MIN_GIOU)
         taken = self._taken(ranked, seen, (hidden, rest), found, pairs, arrays)
-        return self._matches(rows3d, seen, hidden, found, pairs.select(taken))
+        return self._matches(rows3d, seen, (hidden, depths), found, pairs.select(taken))
 
     def _found_boxes(self, boxes2d: Mapping[str, Boxes2D], arrays: CameraArrays) -> FoundBoxes:
         """The 2D boxes, clipped to the images: detected ones may reach beyond them, projected ones do not."""
@@ -102,22 +102,23 @@ class Associate:
         return replace(found, xyxy=found.xyxy.clip(0, limits))
 
     def _matches(
-        self, rows3d: Indices, seen: InView, hidden: F32, found: FoundBoxes, pairs: Pairs
+        self, rows3d: Indices, seen: InView, hiding: tuple[F32, F32], found: FoundBoxes, pairs: Pairs
     ) -> dict[str, Matches]:
         """The records of all cameras, with the original rows of the boxes."""
         shape = len(self._names), len(rows3d)
         projected, covered = np.full((*shape, 4), np.nan, np.float32), np.zeros(shape, np.float32)
+        edges = np.zeros((*shape, 4), np.float32)
         projected[seen.cameras, rows3d[seen.rows]] = seen.xyxy
-        covered[seen.cameras, rows3d[seen.rows]] = hidden
+        covered[seen.cameras, rows3d[seen.rows]], edges[seen.cameras, rows3d[seen.rows]] = hiding
         cameras, in_3d = seen.cameras[pairs.seen], rows3d[seen.rows[pairs.seen]]
         order = np.lexsort([in_3d, cameras])
         table = np.array([in_3d, found.rows[pairs.found]]).T.take(order, 0)
         iou = pairs.iou.astype(np.float32)[order]
         ends = cameras[order].searchsorted(np.arange(len(self._names) + 1)).tolist()
         return {
-            name: Matches(table[start:end], iou[start:end], rectangles, shares)
-            for name, (start, end), rectangles, shares in zip(
-                self._names, itertools.pairwise(ends), projected, covered, strict=True
+            name: Matches(table[start:end], iou[start:end], rectangles, shares, depths)
+            for name, (start, end), rectangles, shares, depths in zip(
+                self._names, itertools.pairwise(ends), projected, covered, edges, strict=True
             )
         }
 

@@ -189,5 +189,9 @@ def _matches(matched: bool, found: Boxes3D, row: int) -> Matches:
     projected = camera.model.project_boxes(camera.T_camera_site.apply(corners))
     n = int(matched)
     return Matches(
-        np.zeros((n, 2), np.int64), np.full(n, 0.625, np.float32), projected, np.zeros(len(projected), np.float32)
+        np.zeros((n, 2), np.int64),
+        np.full(n, 0.625, np.float32),
+        projected,
+        np.zeros(len(projected), np.float32),
+        np.zeros((len(projected), 4), np.float32),
     )

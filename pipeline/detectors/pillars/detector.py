@@ -38,6 +38,13 @@ MAX_FITTED_TURN_SIGMAS = 1.5
 """Maximum turn of a fitted box, in the network's standard deviations of the heading. Of 1 to 2.5 (22 to 56 degrees for
 cars, 38 to 95 for cyclists) about the best in drawn worlds."""
 
+VEHICLE_VARIANCE = 0.2
+"""Variance of a vehicle's place with many points on it, over that of all found vehicles."""
+
+VEHICLE_POINTS = 25.0
+"""Number of points on a vehicle by which the variance of its place is that much again. Both from drawn worlds, in which
+cars with 8, 100 and 1,000 points err by 0.4, 0.14 and 0.1 m; real ones do alike."""
+
 
 def merged(first: Boxes3D, second: Boxes3D) -> Boxes3D:
     """The boxes (N,) of `second`, merged with those of the same objects by another method from the same points.
@@ -63,6 +70,13 @@ def merged(first: Boxes3D, second: Boxes3D) -> Boxes3D:
         yaws=wrap_angle(second.yaws + moved[:, 2]),
         covariances=covariances,
     )
+
+
+def by_points(vehicles: Boxes3D) -> F64:
+    """(N, 3, 3) covariances of vehicles, with the variances of their places by the points on each."""
+    share = VEHICLE_VARIANCE + VEHICLE_POINTS / np.maximum(vehicles.point_counts, 1)
+    scale = np.sqrt(np.column_stack([share, share, np.ones(len(share))]))
+    return np.asarray(scale[:, :, None] * vehicles.covariances * scale[:, None])
 
 
 class PillarPoints:
@@ -215,8 +229,10 @@ class FittedPillarDetector:
         agree = (pair_ious(found, fitted).bev >= MIN_FITTED_IOU) & (
             turn <= MAX_FITTED_TURN_SIGMAS * np.sqrt(found.covariances[:, 2, 2])
         )
-        better = agree * np.where(self._is_slender[found.class_ids], 1, 2)
-        return found.joined(fitted, merged(found, fitted)).select(np.arange(len(found)) + len(found) * better)
+        is_slender = self._is_slender[found.class_ids]
+        better = agree * np.where(is_slender, 1, 2)
+        boxes = found.joined(fitted, merged(found, fitted)).select(np.arange(len(found)) + len(found) * better)
+        return replace(boxes, covariances=np.where(is_slender[:, None, None], boxes.covariances, by_points(boxes)))
 
     @property
     def class_ids(self) -> I64:

@@ -23,6 +23,12 @@ from lidcam.pipeline.fusion.projection import CameraArrays, cuboid_outline, proj
 MAX_COVERS = 8
 """Maximum number of boxes in front of one, those that cover most of it."""
 
+MIN_EDGE_SHARE = 0.5
+"""Minimum share of an edge that a nearer box covers for the edge to count as hidden."""
+
+EDGE_REACH = 0.1
+"""Distance from an edge within which a nearer box reaches it, as a share of the rectangle."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InView(Table):
@@ -77,7 +83,7 @@ def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: Ca
     return InView(cameras, rows, xyxy.astype(np.float32), jacobian, ranges_m)
 
 
-def hidden_parts(boxes: Boxes3D, seen: InView, positions_site: F64) -> tuple[F32, F32]:
+def hidden_parts(boxes: Boxes3D, seen: InView, positions_site: F64) -> tuple[F32, F32, F32]:
     """The parts of P rectangles covered by boxes in front of them.
 
     Args:
@@ -87,9 +93,9 @@ def hidden_parts(boxes: Boxes3D, seen: InView, positions_site: F64) -> tuple[F32
 
     Returns:
         (P,) covered share of the rectangle; (P, 4) the smallest rectangle around the rest, in pixels, or the rectangle
-        itself if nothing is left.
+        itself if nothing is left; (P, 4) how deep a nearer box covers each edge, pixels inward, 0 for free edges.
     """
-    share, rest = np.zeros(len(seen), np.float32), seen.xyxy.copy()
+    share, rest, depths = np.zeros(len(seen), np.float32), seen.xyxy.copy(), np.zeros((len(seen), 4), np.float32)
     back, front = pairs_of_images(seen.cameras, seen.cameras)
     shared = _intersections(seen.xyxy[back], seen.xyxy[front])
     overlap = np.flatnonzero((back != front) & (shared[:, 2] > shared[:, 0]) & (shared[:, 3] > shared[:, 1]))
@@ -97,7 +103,8 @@ def hidden_parts(boxes: Boxes3D, seen: InView, positions_site: F64) -> tuple[F32
     in_front = np.flatnonzero(_in_front(boxes, seen, positions_site, front, back))
     back, shared = back[in_front], shared[in_front]
     if not len(back):
-        return share, rest
+        return share, rest, depths
+    np.maximum.at(depths, back, _edge_depths(seen.xyxy[back].astype(np.float64), shared))
     order = np.lexsort([-(shared[:, 2:] - shared[:, :2]).prod(1), back])
     back, shared = back[order], shared[order]
     is_first = first_of_runs(back)
@@ -109,7 +116,16 @@ def hidden_parts(boxes: Boxes3D, seen: InView, positions_site: F64) -> tuple[F32
     covers = whole[:, None, [0, 1, 0, 1]].repeat(int(rank[counted].max()) + 1, 1)  # without extent, but for
     covers[group[counted], rank[counted]] = shared[counted]
     share[hidden], rest[hidden] = _uncovered(whole, covers)
-    return share, rest
+    return share, rest, depths
+
+
+def _edge_depths(whole: F64, shared: F64) -> F32:
+    """(Q, 4) how deep parts of rectangles, both (Q, 4), cover their edges; 0 where half of an edge is free."""
+    extent, part = whole[:, 2:] - whole[:, :2], shared[:, 2:] - shared[:, :2]
+    covers = (part >= MIN_EDGE_SHARE * extent)[:, ::-1]  # an upright edge is covered along the height
+    gaps = np.stack([shared[:, :2] - whole[:, :2], whole[:, 2:] - shared[:, 2:]], 1)
+    depths = np.where(covers[:, None] & (gaps <= EDGE_REACH * extent[:, None]), gaps + part[:, None], 0.0)
+    return depths.reshape(len(whole), 4).astype(np.float32)
 
 
 def _intersections(first: F32, second: F32) -> F64:

@@ -21,6 +21,10 @@ from lidcam.pipeline.fusion.projection import CameraArrays, camera_arrays
 HIDDEN_SHARE = 0.15
 """Probability that something without a box hides an edge."""
 
+SIDE_NOISE = 2.0
+"""Noise of left and right edges over that of upper and lower ones, where a recording does not tell: what stands beside
+an object hides its sides, or joins it."""
+
 MAX_HIDDEN_SHARE = 0.9
 """Maximum probability that an edge is hidden."""
 
@@ -66,14 +70,17 @@ def measured_edges(
     stamps_ns = np.repeat(np.array([found.stamp_ns for _, found in matched], np.int64), counts)[order]
     xyxy = np.concatenate([np.zeros((0, 4)), *(found.xyxy[matches.pairs[:, 1]] for matches, found in matched)])[order]
     hidden = np.concatenate([np.zeros(0), *(matches.hidden[matches.pairs[:, 0]] for matches, _ in matched)])[order]
+    depths = (matches.edge_depths_px[matches.pairs[:, 0]].astype(np.float64) for matches, _ in matched)
+    depths_px = np.concatenate([np.zeros((0, 4)), *depths])[order]
     cameras = camera_arrays(tuple(views.values())).select(numbers)
     fits = [view.fit for view in views.values()]
     xyxy = xyxy.clip(0.0, cameras.limits)
     extent = np.maximum(xyxy[:, 2:] - xyxy[:, :2], 1.0)
     sides = np.concatenate([extent, extent], 1)
-    default = config.pixel_sigma_px, config.outline_sigma
-    pixel_px, outline = np.array([fit.noise or default for fit in fits]).reshape(-1, 2)[numbers].T
-    sigma_px = np.repeat(np.hypot(pixel_px, outline * np.sqrt(extent.prod(1)))[:, None], 4, axis=1)
+    default = (config.pixel_sigma_px, config.outline_sigma)
+    unknown = tuple(SIDE_NOISE * sigma for sigma in default), default
+    noise = np.array([fit.noise or unknown for fit in fits]).reshape(-1, 2, 2)[numbers]
+    sigma_px = np.tile(np.hypot(noise[..., 0], noise[..., 1] * np.sqrt(extent.prod(1))[:, None]), 2)
     habits = np.array([fit.habits for fit in fits]).reshape(-1, 4)[numbers]
     is_inner = (xyxy > 0) & (xyxy < cameras.limits)
     xyxy = xyxy - is_inner * (excess_slopes(extent) @ habits[..., None])[..., 0]
@@ -82,6 +89,7 @@ def measured_edges(
     excess_px = extent * np.array([fit.habit_sigma for fit in fits])[numbers, None]
     is_hidden = (hidden + HIDDEN_SHARE).clip(max=MAX_HIDDEN_SHARE)[:, None]
     hidden_odds = is_hidden / (1 - is_hidden) * np.sqrt(2 * np.pi) * sigma_px / sides
+    sigma_px = np.hypot(sigma_px, depths_px)
     later_s = (stamps_ns - hypotheses.boxes.measured_ns[rows]) * 1e-9
     return MeasuredEdges(rows, numbers, cameras, xyxy, sigma_px, shift_px, excess_px, hidden_odds, later_s)
 

@@ -74,6 +74,20 @@ def test_wrong_matches_do_little_harm() -> None:
     assert abs(found.values[1] - DEGREE) < 0.25 * DEGREE
 
 
+def test_noise_of_the_sides_is_learned_beside_that_of_top_and_bottom() -> None:
+    frames, random = passing(seed=2, tracks=12), np.random.default_rng(5)
+    for result in frames:
+        boxes = result.detections.cameras["cam"]
+        boxes.xyxy.flags.writeable = True
+        boxes.xyxy[:, ::2] += random.normal(0, 8, (len(boxes), 2)).astype(np.float32)
+    found = judged(frames)
+    assert found is not None
+    (side_px, side_share), (upright_px, upright_share) = found.noise
+    at_60_px = np.hypot([side_px, upright_px], 60 * np.array([side_share, upright_share]))
+    assert 6 < at_60_px[0] < 11
+    assert at_60_px[1] < 4
+
+
 @pytest.mark.parametrize(
     "frames",
     [[], without_tracks(passing(frames=3)), passing(frames=3), passing(tracks=1, frames=90)],

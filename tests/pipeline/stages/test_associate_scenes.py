@@ -170,7 +170,7 @@ def seen_boxes(truth: Boxes3D, camera: CameraSensor, seed: int) -> tuple[dict[st
     random = np.random.default_rng(seed)
     arrays = CameraArrays.of([camera])
     seen = project_into_views(truth, [camera], arrays)
-    hidden, _ = hidden_parts(truth, seen, camera.T_camera_site.inverse().translation[None])
+    hidden, _, _ = hidden_parts(truth, seen, camera.T_camera_site.inverse().translation[None])
     rows = random.permutation(np.flatnonzero(hidden < 0.6))
     table = [
         (*seen.xyxy[row] + random.normal(0, 1.5, 4), random.uniform(0.4, 1), truth.class_ids[seen.rows[row]])

@@ -37,6 +37,7 @@ def hypotheses(boxes: Boxes3D, *pairs: tuple[int, int], lidar_count: int | None 
         np.full(len(pairs), 0.8, np.float32),
         projected,
         np.zeros(len(boxes), np.float32),
+        np.zeros((len(boxes), 4), np.float32),
     )
     return Hypotheses(boxes, {"cam": found}, len(boxes) if lidar_count is None else lidar_count)
 

@@ -23,6 +23,7 @@ def matches(*pairs: tuple[int, int], boxes: int) -> Matches:
         np.full(len(pairs), 0.8, np.float32),
         np.zeros((boxes, 4), np.float32),
         np.zeros(boxes, np.float32),
+        np.zeros((boxes, 4), np.float32),
     )
 
 

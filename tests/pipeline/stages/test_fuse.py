@@ -19,6 +19,7 @@ def hypotheses(count: int, *pairs: tuple[int, int]) -> Hypotheses:
         np.full(len(pairs), 0.8, np.float32),
         np.zeros((count, 4), np.float32),
         np.zeros(count, np.float32),
+        np.zeros((count, 4), np.float32),
     )
     return Hypotheses(boxes3d([PLACE] * count), {"cam": found}, count)
 

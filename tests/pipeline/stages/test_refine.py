@@ -28,11 +28,13 @@ BOX_PRIOR = "lidcam.pipeline.fusion.refining.box_prior"
 
 @pytest.fixture(autouse=True)
 def _exact_cuboids(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Objects that are cuboids of known size, which nothing hides."""
+    """Objects that are cuboids of known size, which nothing hides, in images whose edges all err alike."""
     monkeypatch.setattr("lidcam.pipeline.stages.refine.rounded_outline", cuboids)
     monkeypatch.setattr(f"{BOX_PRIOR}.MAX_SIZE_SIGMA", 0.0)
     monkeypatch.setattr(f"{BOX_PRIOR}.HEADING_SIGMA_RAD", 0.0)
     monkeypatch.setattr("lidcam.pipeline.fusion.refining.edges.HIDDEN_SHARE", 0.0)
+    monkeypatch.setattr("lidcam.pipeline.fusion.refining.edges.SIDE_NOISE", 1.0)
+    monkeypatch.setattr("lidcam.pipeline.fusion.matching.in_view.MIN_EDGE_SHARE", np.inf)
 
 
 def errors(boxes: Boxes3D, truth: Boxes3D) -> F64:
@@ -157,8 +159,10 @@ def made_up(
         xyxy = edges.xyxy[shown] + random.normal(0, 1.5, (len(shown), 4))
         seen[camera.name] = boxes2d(np.column_stack([xyxy, np.full((len(shown), 2), [0.9, 0])]))
         pairs = np.column_stack([shown, np.arange(len(shown))]).astype(np.int64)
-        nothing = np.zeros(count, np.float32)
-        matches[camera.name] = Matches(pairs, np.ones(len(shown), np.float32), edges.xyxy.astype(np.float32), nothing)
+        nothing, free = np.zeros(count, np.float32), np.zeros((count, 4), np.float32)
+        matches[camera.name] = Matches(
+            pairs, np.ones(len(shown), np.float32), edges.xyxy.astype(np.float32), nothing, free
+        )
     return camera_rig(*map(pole_camera, range(4))), Hypotheses(lidar, matches, count), seen, truth
 
 
@@ -231,7 +235,15 @@ def test_what_the_border_of_an_image_cuts_keeps_its_length(monkeypatch: pytest.M
     assert np.abs(inward_px[[0, 2]]).max() > 50
     shown = np.clip(whole.xyxy[0] + inward_px, 0, [640, 480] * 2)
     seen, nothing = {"cam": boxes2d([(*shown, 0.9, 0)])}, np.zeros(1, np.float32)
-    matches = {"cam": Matches(np.zeros((1, 2), np.int64), nothing + 1, whole.xyxy.astype(np.float32), nothing)}
+    matches = {
+        "cam": Matches(
+            np.zeros((1, 2), np.int64),
+            nothing + 1,
+            whole.xyxy.astype(np.float32),
+            nothing,
+            np.zeros((1, 4), np.float32),
+        )
+    }
     found = fitted(camera_rig(camera), Hypotheses(long, matches, 1), seen)
     assert found.sources.tolist() == [Source.BOTH]
     assert place(errors(found, long)) == pytest.approx([0], abs=0.1)
@@ -331,7 +343,7 @@ def test_a_box_beside_a_camera_whose_edges_the_border_cuts(seed: int) -> None:
     seen = {"cam": boxes2d(np.column_stack([shown, np.full((count, 2), [0.9, 0])]))}
     pairs = np.column_stack([np.arange(count)] * 2).astype(np.int64)
     nothing = np.zeros(count, np.float32)
-    matches = {"cam": Matches(pairs, nothing + 1, shown.astype(np.float32), nothing)}
+    matches = {"cam": Matches(pairs, nothing + 1, shown.astype(np.float32), nothing, np.zeros((count, 4), np.float32))}
     found = fitted(camera_rig(camera), Hypotheses(boxes, matches, count), seen)
     assert np.isfinite(found.centers).all()
     assert np.isfinite(found.covariances).all()

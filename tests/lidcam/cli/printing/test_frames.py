@@ -69,6 +69,6 @@ def test_tracks_are_printed_with_their_objects() -> None:
 def _matched_last(result: FrameResult) -> dict[str, Matches]:
     pairs = {"left": np.array([[2, 1]]), "right": np.zeros((0, 2), np.int64)}
     return {
-        name: Matches(pairs[name], np.full(len(pairs[name]), 0.5, np.float32), one.projected_xyxy, one.hidden)
+        name: replace(one, pairs=pairs[name], iou=np.full(len(pairs[name]), 0.5, np.float32))
         for name, one in result.matches.items()
     }

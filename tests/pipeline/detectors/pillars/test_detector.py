@@ -1,5 +1,6 @@
 """3D networks in pillars: what they are given, what is made of their output, and files that are none."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from pillar_files import GRID, boxes_found, numbers_of, write_pillars
 
 from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.core.settings.load import load_config
-from lidcam.pipeline.detectors.pillars.detector import merged
+from lidcam.pipeline.detectors.pillars.detector import by_points, merged
 from lidcam.pipeline.detectors.pillars.grid import FEATURES, pillars
 from lidcam.pipeline.stages.detect3d import Detect3D
 
@@ -114,6 +115,15 @@ def test_boxes_are_fitted_to_their_points(tmp_path: Path, turn: float, is_fitted
     np.testing.assert_allclose(boxes.centers[0, :2], expected[:2], atol=0.12 if is_fitted else 1e-5)
     off = np.angle(np.exp(1j * (boxes.yaws[0] - expected[6])))
     assert abs(off) < (0.03 if is_fitted else 1e-5)
+
+
+def test_the_more_points_the_better_the_place_is_known() -> None:
+    boxes = boxes3d([[8, -3, 0.8, 4.0, 1.7, 1.5, 0.2]] * 4, deviations=(0.3, 0.2, 0.1))
+    counts = np.array([5, 31, 250, 4000], np.int32)
+    sigmas = np.sqrt(np.diagonal(by_points(replace(boxes, point_counts=counts)), axis1=1, axis2=2))
+    np.testing.assert_allclose(sigmas[:, 0], [0.684, 0.301, 0.164, 0.136], atol=1e-3)
+    np.testing.assert_allclose(sigmas[:, 1], sigmas[:, 0] * 2 / 3)
+    np.testing.assert_allclose(sigmas[:, 2], 0.1)
 
 
 def test_a_merged_box_lies_nearer_to_the_more_exact_one() -> None:

@@ -29,6 +29,7 @@ def hypotheses(boxes: Boxes3D, *pairs: tuple[int, int], hidden: float = 0.0) -> 
         np.full(len(pairs), 0.8, np.float32),
         VIEW.project_boxes(corners, "site"),
         np.full(len(boxes), hidden, np.float32),
+        np.zeros((len(boxes), 4), np.float32),
     )
     return Hypotheses(boxes, {"cam": found}, len(boxes))
 

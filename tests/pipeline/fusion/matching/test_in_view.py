@@ -71,13 +71,13 @@ ONE = (forward_camera(),)
 CAR, PEDESTRIAN = (4.0, 1.8, 1.5), (0.6, 0.6, 1.7)
 
 
-def hide(boxes: Boxes3D) -> tuple[InView, F32, F32]:
+def hide(boxes: Boxes3D) -> tuple[InView, F32, F32, F32]:
     seen = project_into_views(boxes, ONE, CameraArrays.of(ONE))
     return seen, *hidden_parts(boxes, seen, np.zeros((1, 3)))
 
 
 def test_a_car_behind_a_car() -> None:
-    seen, hidden, rest = hide(boxes3d([(20, 2.5, 0, *CAR, 0), (10, 0.0, 0, *CAR, 0)]))
+    seen, hidden, rest, _ = hide(boxes3d([(20, 2.5, 0, *CAR, 0), (10, 0.0, 0, *CAR, 0)]))
     far, near = seen.xyxy
     left, right = max(far[0], near[0]), min(far[2], near[2])
     assert hidden[0] == pytest.approx((right - left) / (far[2] - far[0]), abs=1e-4)
@@ -86,8 +86,32 @@ def test_a_car_behind_a_car() -> None:
     np.testing.assert_array_equal(rest[1], near)
 
 
+@pytest.mark.parametrize(
+    ("near", "edges"),
+    [
+        ((10, 0.0, 0, *CAR, 0), "right"),  # beside the far car's right half
+        ((10, 2.6, 0, *CAR, 0), "left"),
+        ((10, 1.25, 0.6, 4.0, 5.0, 0.5, 0), "top"),  # a beam over it
+        ((10, 1.25, -0.7, 4.0, 5.0, 0.5, 0), "bottom"),
+        ((10, 1.4, 0, 0.2, 0.2, 1.5, 0), "none"),  # a post before its middle leaves all of its edges
+        ((10, 0.0, -0.9, *CAR, 0), "none"),  # covers less than half of its right edge
+    ],
+)
+def test_the_edges_that_a_nearer_box_covers(near: tuple[float, ...], edges: str) -> None:
+    seen, _, _, depths = hide(boxes3d([(20, 2.5, 0, *CAR, 0), near]))
+    far, front = seen.xyxy
+    covers = {
+        "left": front[2] - far[0],
+        "top": front[3] - far[1],
+        "right": far[2] - front[0],
+        "bottom": far[3] - front[1],
+    }
+    expected = [covers[edge] if edge == edges else 0.0 for edge in covers]
+    np.testing.assert_allclose(depths, [expected, [0.0] * 4], atol=1e-3)
+
+
 def test_what_is_wholly_hidden_keeps_its_rectangle() -> None:
-    seen, hidden, rest = hide(boxes3d([(20, 0, 0, *CAR, 0), (10, 0, 0, *CAR, 0)]))
+    seen, hidden, rest, _ = hide(boxes3d([(20, 0, 0, *CAR, 0), (10, 0, 0, *CAR, 0)]))
     assert hidden.tolist() == [1, 0]
     np.testing.assert_array_equal(rest, seen.xyxy)
 
@@ -105,7 +129,7 @@ def test_which_is_in_front_of_a_long_box(
     bus: tuple[float, float, float], pedestrian: tuple[float, float], hidden: str
 ) -> None:
     x, y, yaw = bus
-    _, found, _ = hide(boxes3d([(x, y, 0, 12, 2.5, 3.0, yaw), (*pedestrian, 0, *PEDESTRIAN, 0)]))
+    _, found, _, _ = hide(boxes3d([(x, y, 0, 12, 2.5, 3.0, yaw), (*pedestrian, 0, *PEDESTRIAN, 0)]))
     assert [found[0] > 0, found[1] > 0] == [hidden == "bus", hidden == "pedestrian"]
 
 
@@ -118,7 +142,7 @@ spots = st.tuples(places, sizes, st.floats(-3, 3)).map(lambda spot: (*spot[0], *
 def test_shares_are_those_of_painted_images(table: list[tuple[float, ...]]) -> None:
     apart = [row for k, row in enumerate(table) if all(np.hypot(row[0] - o[0], row[1] - o[1]) > 5 for o in table[:k])]
     boxes = boxes3d(apart)
-    seen, hidden, rest = hide(boxes)
+    seen, hidden, rest, _ = hide(boxes)
     nearest_first = np.argsort(seen.ranges_m)
     painted = np.zeros((480, 640), np.bool_)
     for k in nearest_first:
@@ -133,5 +157,5 @@ def test_shares_are_those_of_painted_images(table: list[tuple[float, ...]]) -> N
 
 def test_more_covers_than_are_counted() -> None:
     crowd = [(8.0 + k, (k - 6) / 5, 0, *PEDESTRIAN, 0) for k in range(12)]
-    _, hidden, _ = hide(boxes3d([(40, 0, 0, 4, 20, 3, 0), *crowd]))
+    _, hidden, _, _ = hide(boxes3d([(40, 0, 0, 4, 20, 3, 0), *crowd]))
     assert 0.1 < hidden[0] < 0.9

@@ -91,7 +91,13 @@ LOW, HIGH = (100.0, 100, 200, 200, 0.3, 0), (300.0, 100, 400, 200, 0.9, 0)
 def matched(*pairs: tuple[int, int, float]) -> Matches:
     table = np.array(pairs, np.float64).reshape(-1, 3)
     nothing = np.full((9, 4), np.nan, np.float32)
-    return Matches(table[:, :2].astype(np.int64), table[:, 2].astype(np.float32), nothing, np.zeros(9, np.float32))
+    return Matches(
+        table[:, :2].astype(np.int64),
+        table[:, 2].astype(np.float32),
+        nothing,
+        np.zeros(9, np.float32),
+        np.zeros((9, 4), np.float32),
+    )
 
 
 def test_rows_are_those_of_the_2d_boxes_however_they_are_ordered() -> None:
