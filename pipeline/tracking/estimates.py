@@ -37,12 +37,6 @@ from lidcam.pipeline.tracking.standing import (
 WEAK_NOISE = 30.0
 """Factor of the variances of a box that the frame by itself does not report: it may be another thing's, or turned."""
 
-JUMP_SIGMA = 0.03
-"""Standard deviation that the completion of boxes adds to their positions, as a share of the class length.
-
-Smaller than in `online`, since the size of a track is settled.
-"""
-
 MIN_LANE_TRAVEL = 3.0
 """Minimum travel, in motion scales, before a track defines a lane; less may be a wrong assignment."""
 
@@ -162,7 +156,7 @@ def estimated(scene: Scene, track_of: I64, priors: Priors, history: History | No
     np.add.at(votes, (hits.tracks, hits.sightings.class_ids), hits.sightings.beliefs)
     class_ids = votes.argmax(1)
     of_class = priors.select(class_ids)
-    noise = FRAME_CORRELATION * measurement_covariances(hits.sightings, priors, JUMP_SIGMA)
+    noise = FRAME_CORRELATION * measurement_covariances(hits.sightings, priors)
     noise[~of_class.show_axis[hits.tracks], 2, 2] = FRAME_CORRELATION * NO_AXIS_VARIANCE
     noise[~hits.sightings.are_reported] *= WEAK_NOISE
 

@@ -29,6 +29,9 @@ REAR_SHARE = 0.28
 MAX_SCALE_M = 4.0
 """Maximum motion scale, metres: longer vehicles accelerate no faster than one of this length."""
 
+ROBUST_DISTANCE = 9.0
+"""Squared Mahalanobis distance beyond which a box weighs less."""
+
 _IDENTITY = np.eye(STATE)
 
 

@@ -18,6 +18,7 @@ from lidcam.pipeline.fusion.assignment import assign
 from lidcam.pipeline.fusion.belief.odds import probability
 from lidcam.pipeline.tracking.motion import (
     HEADING,
+    ROBUST_DISTANCE,
     SPEED,
     STATE,
     TURN,
@@ -46,9 +47,6 @@ MAX_DISTANCE = 16.0
 
 MAX_WEAK_DISTANCE = 9.0
 """The same of a sighting that it does not report."""
-
-JUMP_SIGMA = 0.06
-"""Standard deviation that the completion of boxes adds to their positions, as a share of the class length."""
 
 HEADING_WEIGHT = 0.5
 """Weight of the squared heading innovation in the cost of an assignment."""
@@ -158,7 +156,7 @@ class OnlineTracker:
     def add_frame(self, frame: FrameSightings) -> list[TrackRows]:
         """The tracks that are reported in the next frame."""
         sightings = frame.sightings
-        noise = measurement_covariances(sightings, self._priors, JUMP_SIGMA)
+        noise = measurement_covariances(sightings, self._priors)
         if self._live is None:
             self._start_ns = frame.stamp_ns
             self._live = self._new_tracks(sightings, noise, np.zeros(0, np.intp))
@@ -237,7 +235,7 @@ class OnlineTracker:
         live = replace(live, log_odds=log_odds, frames=live.frames + 1)
         seen, beliefs = live.select(tracks), sightings.beliefs
         boxes, slopes = expected(seen.motions, sightings.later_s, seen.rear_m)
-        after = updated(seen.motions, innovations(sightings.boxes, boxes), slopes, noise)
+        after = updated(seen.motions, innovations(sightings.boxes, boxes), slopes, noise, ROBUST_DISTANCE)
         votes = seen.votes.copy()
         votes[np.arange(len(seen)), sightings.class_ids] += beliefs
         agreement = np.sign(np.cos(sightings.boxes[:, 2] - after.states[:, HEADING]))

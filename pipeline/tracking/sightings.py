@@ -30,6 +30,9 @@ UNKNOWN_SIGMA = 0.05
 UNKNOWN_YAW_SIGMA_RAD = 0.1
 """Standard deviation of the yaw of boxes without covariance, radians."""
 
+JUMP_SIGMA = 0.04
+"""Standard deviation that the completion of boxes adds to their positions, as a share of the class length."""
+
 EXTRA_YAW_SIGMA_RAD = 0.03
 """Standard deviation added to the yaw of every box, radians."""
 
@@ -139,21 +142,19 @@ class TrackRows(Table):
         return np.asarray(self.seen != NOT_SEEN)
 
 
-def measurement_covariances(sightings: Sightings, priors: Priors, jump_sigma: float) -> F64:
+def measurement_covariances(sightings: Sightings, priors: Priors) -> F64:
     """(N, 3, 3) covariances of the boxes of sightings as measurements.
 
     Args:
         sightings: N sightings.
         priors: All classes.
-        jump_sigma: Standard deviation that the completion of boxes adds to their positions, as a share of the class
-            length.
     """
     of_class = priors.select(sightings.class_ids)
     noise = sightings.covariances.copy()
     unknown = ~noise.any((1, 2))
     noise[unknown, 0, 0] = noise[unknown, 1, 1] = (UNKNOWN_SIGMA * of_class.lengths_m[unknown]) ** 2
     noise[unknown, 2, 2] = UNKNOWN_YAW_SIGMA_RAD**2
-    jump = (jump_sigma * of_class.lengths_m) ** 2
+    jump = (JUMP_SIGMA * of_class.lengths_m) ** 2
     noise[:, 0, 0] += jump
     noise[:, 1, 1] += jump
     noise[:, 2, 2] = np.where(of_class.show_axis, noise[:, 2, 2] + EXTRA_YAW_SIGMA_RAD**2, NO_AXIS_VARIANCE)

@@ -10,13 +10,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Table
-from lidcam.pipeline.tracking.motion import SPEED, STATE, TURN, Motions, expected, innovations, predicted, updated
+from lidcam.pipeline.tracking.motion import (
+    ROBUST_DISTANCE,
+    SPEED,
+    STATE,
+    TURN,
+    Motions,
+    expected,
+    innovations,
+    predicted,
+    updated,
+)
 
 FRAME_CORRELATION = 4.0
 """Number of consecutive measurements with the information of one: neighbouring frames share most of their error."""
-
-ROBUST_DISTANCE = 9.0
-"""Squared Mahalanobis distance beyond which a measurement weighs less."""
 
 STANDING_NOISE = 1e-6
 """Share of the process noise that remains while an object stands."""

@@ -47,13 +47,15 @@ def circling(radius: float, speed: float, rear_m: float) -> Place:
     return place
 
 
-def frame(rows: Sequence[tuple[F64, Mover, int]], index: int, later_s: float = 0.0) -> FrameSightings:
+def frame(
+    rows: Sequence[tuple[F64, Mover, int]], index: int, later_s: float = 0.0, noise_m: float = 0.05
+) -> FrameSightings:
     """One frame of boxes (x, y, yaw) of movers with their classes."""
     n = len(rows)
     boxes = np.array([row[0] for row in rows]).reshape(n, 3)
     beliefs = np.array([row[1].belief for row in rows])
     sizes = np.array([row[1].size for row in rows]).reshape(n, 3)
-    covariances = np.tile(np.diag([0.05**2, 0.05**2, 0.03**2]), (n, 1, 1))
+    covariances = np.tile(np.diag([noise_m**2, noise_m**2, (0.6 * noise_m) ** 2]), (n, 1, 1))
     sightings = Sightings(
         np.arange(n),
         boxes,
@@ -88,5 +90,5 @@ def scene(movers: Sequence[Mover], count: int, *, noise_m: float = 0.05, later_s
             box = np.array(mover.place(index * PERIOD_S + later_s)) + noise
             box[2] = (box[2] + np.pi * mover.turned(index) + np.pi) % (2 * np.pi) - np.pi
             rows.append((box, mover, mover.classes[index % len(mover.classes)] if mover.classes else mover.class_id))
-        frames.append(frame(rows, index, later_s))
+        frames.append(frame(rows, index, later_s, max(noise_m, 0.05)))
     return frames
