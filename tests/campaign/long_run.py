@@ -10,7 +10,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from random import Random
@@ -39,12 +39,12 @@ MIN_RATE = 0.5
 MAX_OPEN_S = 2.0
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main() -> int:
     """Run the campaign."""
     parser = argparse.ArgumentParser(add_help=False)
     parser.add_argument("--recorded-minutes", type=float, default=0.05)
     parser.add_argument("--process", nargs="+", type=Path, help=argparse.SUPPRESS)
-    options, others = parser.parse_known_args(arguments)
+    options, others = parser.parse_known_args()
     if options.process:
         _process(*options.process)
         return 0
@@ -70,7 +70,7 @@ def _try_case(number: int, _: Random, *, frames: int, limit_s: float) -> Outcome
         detail = (
             f"{kind}: {found} of {frames} frames in {child.seconds:.0f} s; "
             f"at the start {early[0]:.1f} frames a second, {early[1]:.0f} MiB; "
-            f"at the end {late[0]:.1f}, {late[1]:.0f} MiB; peak {child.peak_mib} MiB; "
+            f"at the end {late[0]:.1f}, {late[1]:.0f} MiB; "
             f"outputs {size_mib:.0f} MiB, the MCAP opens in {opened_s:.2f} s"
         )
         print(detail, flush=True)
