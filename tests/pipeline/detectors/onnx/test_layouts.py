@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from onnx_files import FLOAT16
-from onnx_networks import write_convolutional, write_network
+from onnx_files import write_convolutional, write_network
 
 from lidcam.pipeline.core.arrays import U8, Array
 from lidcam.pipeline.core.errors import ModelError
@@ -206,7 +205,7 @@ def test_every_layout_is_read_as_directly(tmp_path: Path, case: Case) -> None:
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_half_precision(tmp_path: Path, case: Case) -> None:
     halved = {name: a if a.dtype == np.int64 else a.astype(np.float16) for name, a in case.outputs.items()}
-    (found,) = load(written(tmp_path, halved, dtype=FLOAT16, scaled=case.scaled))([image(*SIZE_PX)])
+    (found,) = load(written(tmp_path, halved, kind="float16", scaled=case.scaled))([image(*SIZE_PX)])
     expected_xyxy, expected_scores, _ = read_directly(case, SIZE_PX)
     np.testing.assert_allclose(found.xyxy, expected_xyxy, atol=0.2)
     np.testing.assert_allclose(found.scores, expected_scores, atol=2e-3)
