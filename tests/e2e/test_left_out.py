@@ -1,20 +1,12 @@
 """An installation without packages that most commands do without: others say in one line what is missing."""
 
-import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from command import Run
+from command import Run, called_apart
 
 WITHOUT = """
-import json, sys
-from dataclasses import asdict
-from pathlib import Path
-
-gone = set(sys.argv.pop(1).split(","))
+import sys
 
 
 class Gone:
@@ -28,33 +20,21 @@ import importlib.util
 
 found = importlib.util.find_spec
 importlib.util.find_spec = lambda name, package=None: None if name in gone else found(name, package)
-from command import called
-
-print(json.dumps([asdict(called(Path(), *command)) for command in json.loads(sys.argv[1])]))
 """
-
-
-def called(gone: str, *commands: tuple[object, ...], folder: Path) -> list[Run]:
-    """Commands, called in one process that lacks packages."""
-    program = [sys.executable, "-c", WITHOUT, gone, json.dumps(commands, default=str)]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run(program, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return [Run(**one) for one in json.loads(done.stdout)]
 
 
 def test_a_small_installation_processes_exports_and_shows_the_demo(sandbox: Path, tmp_path: Path) -> None:
     part = ("--duration", 0.2, "--set", "detect3d.method=cluster")
-    done = called(
-        "rerun,pyarrow,scipy,jinja2",
+    done = called_apart(
+        tmp_path,
+        "gone = {'rerun', 'pyarrow', 'scipy', 'jinja2'}" + WITHOUT,
         ("inspect", sandbox),
         ("process", sandbox, "out.mcap", *part, "--objects", "out.csv", "--save-matches", "images"),
         ("export", "out.mcap", "--format", "coco", "--out", "set"),
         ("compare", "out.mcap", "out.mcap"),
-        folder=tmp_path,
     )
     assert [one.code for one in done] == [0] * 4, done
-    (demo,) = called("rerun,pyarrow", ("demo", "demo"), folder=tmp_path)
+    (demo,) = called_apart(tmp_path, "gone = {'rerun', 'pyarrow'}" + WITHOUT, ("demo", "demo"))
     assert demo.code == 0, demo.err
     assert "open sandbox.mcap in Foxglove" in demo.out
     assert not list((tmp_path / "demo").glob("*.rrd"))
@@ -73,7 +53,7 @@ COMMANDS = [
 def refused(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Run], Path]:
     folder = tmp_path_factory.mktemp("refused")
     commands = [tuple(str(sandbox) if word == "IN" else word for word in line.split()) for _, line in COMMANDS]
-    return called("rerun,pyarrow,jinja2", *commands, folder=folder), folder
+    return called_apart(folder, "gone = {'rerun', 'pyarrow', 'jinja2'}" + WITHOUT, *commands), folder
 
 
 @pytest.mark.parametrize("row", range(len(COMMANDS)), ids=[line for _, line in COMMANDS])
