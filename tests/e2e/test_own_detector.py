@@ -48,7 +48,9 @@ def engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 def test_the_functions_are_used_and_the_number_of_processes_changes_no_byte(engine: Any, tmp_path: Path) -> None:
     results = [tmp_path / f"{workers}.mcap" for workers in (1, 2)]
     for workers, result in enumerate(results, 1):
-        run = lidcam.process(CROSSING, result, detector=engine.find, detector_2d=engine.look, workers=workers)
+        run = lidcam.process(
+            CROSSING, result, detector=engine.find, detector_2d=engine.look, workers=workers, duration_s=0.6
+        )
     assert results[0].read_bytes() == results[1].read_bytes()
     sensors, drops = run.summary.sensors, run.summary.drops
     assert (sensors.box_source, sensors.box_source_3d) == ("callable", "callable")
