@@ -45,12 +45,14 @@ def engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     return own_engine
 
 
-def test_the_functions_are_used_and_the_number_of_processes_changes_no_byte(engine: Any, tmp_path: Path) -> None:
+def test_the_functions_are_used_and_the_number_of_processes_changes_no_byte(
+    engine: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lidcam.pipeline.parallel.run.START_S", 0.0)  # no recording is too short for two processes
+    engines = {"detector": engine.find, "detector_2d": engine.look}
     results = [tmp_path / f"{workers}.mcap" for workers in (1, 2)]
     for workers, result in enumerate(results, 1):
-        run = lidcam.process(
-            CROSSING, result, detector=engine.find, detector_2d=engine.look, workers=workers, duration_s=0.6
-        )
+        run = lidcam.process(CROSSING, result, **engines, workers=workers, duration_s=0.6)
     assert results[0].read_bytes() == results[1].read_bytes()
     sensors, drops = run.summary.sensors, run.summary.drops
     assert (sensors.box_source, sensors.box_source_3d) == ("callable", "callable")
