@@ -51,21 +51,3 @@ def test_a_batch_makes_what_single_runs_make_and_a_page(lidcam: Lidcam, logs: Pa
     assert re.search(r"^day/a & b +up to date +2 ", again.out, re.MULTILINE)
     assert again.out.splitlines()[-1] == "1 failed, 1 up to date; 2 frames; road users: 1 car"
     assert (out / "day" / "a & b.mcap").stat().st_mtime_ns == before
-
-
-@pytest.mark.parametrize(
-    ("arguments", "fault"),
-    [
-        (("--set", "sync.slop=1"), "slop"),
-        (("--rig", "nothing.yaml"), "nothing.yaml"),
-        (("--jobs", "0"), "--jobs"),
-        (("--address", "head:6379"), "--engine ray"),
-    ],
-)
-def test_wrong_settings_are_told_once(
-    lidcam: Lidcam, logs: Path, tmp_path: Path, arguments: tuple[str, ...], fault: str
-) -> None:
-    run = lidcam("batch", logs, "--out", tmp_path / "out", *arguments)
-    assert run.code in {1, 2}
-    assert fault in run.err
-    assert not (tmp_path / "out").exists()

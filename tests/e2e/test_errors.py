@@ -138,6 +138,9 @@ def test_bad_options(lidcam: Lidcam, tmp_path: Path, arguments: tuple[str, ...],
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.bag"]
 
 
+BLIND = ("--set", "output.images=false")
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
@@ -148,6 +151,15 @@ def test_bad_options(lidcam: Lidcam, tmp_path: Path, arguments: tuple[str, ...],
         (("process", "a.bag", "o.mcap", "--workers", "0"), 2, "'--workers': expected at least 1"),
         (("process", "a.bag", "o.mcap", "--every", "x"), 2, "'--every': expected a whole number"),
         (("process", "a.bag", "o.mcap", "--model-2d", "yolov8n.pt"), 1, "expected an ONNX file, found no such file"),
+        (("process", "a.bag", "o.mcap", "--foxglove", "http"), 1, "foxglove: expected PORT or HOST:PORT, found 'http'"),
+        (("process", "a.bag", "o.mcap", "--pace", "0"), 1, "pace: expected more than 0, found 0.0"),
+        (("process", "a.bag", "o.mcap", "--set", "detect3d.method=callable"), 1, "if detector is given, and only then"),
+        (("process", "crossing.mcap", "o.mcap", "--video", "o.mp4", *BLIND), 1, "o.mp4: needs images: set output.ima"),
+        (("process", "crossing.mcap", "o.mcap", "--save-matches", "x", *BLIND), 1, "x: needs images: set output.ima"),
+        (("batch", "a.bag", "--out", "x", "--set", "sync.slop=1"), 1, "slop"),
+        (("batch", "a.bag", "--out", "x", "--rig", "nothing.yaml"), 1, "nothing.yaml"),
+        (("batch", "a.bag", "--out", "x", "--jobs", "0"), 2, "--jobs"),
+        (("batch", "a.bag", "--out", "x", "--address", "head:6379"), 2, "--engine ray"),
         (("export", "crossing.mcap", "--out", "x"), 2, "Choose from: kitti, kitti-tracking, nuscenes"),
         (("view", "a.bag"), 1, "which ends in .rrd, .html or .mcap; to process a recording: lidcam a.bag"),
         (("process", "."), 2, "holds 2 recordings; process all of them: lidcam batch "),

@@ -77,11 +77,3 @@ def test_a_recording_without_cameras(tmp_path: Path, lidcam: Lidcam) -> None:
     refused = lidcam("process", tmp_path / "rec.mcap", tmp_path / "other.mcap", "--save-matches", tmp_path / "images")
     assert "images: images of matches need cameras" in refused.error_line
     assert not (tmp_path / "other.mcap").exists()
-
-
-@pytest.mark.parametrize(("option", "name"), [("--video", "out.mp4"), ("--save-matches", "images")])
-def test_images_that_are_not_read(option: str, name: str, tmp_path: Path, sandbox: Path, lidcam: Lidcam) -> None:
-    without = ("--set", "output.images=false", *PART)
-    refused = lidcam("process", sandbox, tmp_path / "out.mcap", option, tmp_path / name, *without)
-    assert refused.error_line.endswith(f"{name}: needs images: set output.images=true")
-    assert [*tmp_path.iterdir()] == []

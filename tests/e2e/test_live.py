@@ -98,22 +98,14 @@ def test_who_says_nothing_does_not_hold_up_the_end(tmp_path: Path, port: int, mo
             assert client.recv(1) == b""
 
 
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        (("--foxglove", "http"), "foxglove: expected PORT or HOST:PORT, found 'http'"),
-        (("--foxglove", "TAKEN"), "--foxglove: expected a free port, found 127.0.0.1:"),
-        (("--pace", "0"), "pace: expected more than 0, found 0.0"),
-    ],
-)
-def test_what_cannot_be_served(tmp_path: Path, options: tuple[str, ...], told: str) -> None:
+def test_a_port_that_is_taken(tmp_path: Path) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        given = [str(taken.getsockname()[1]) if option == "TAKEN" else option for option in options]
-        done = called(tmp_path, "process", SANDBOX, "out.mcap", "--duration", "0.2", "--workers", "1", *given)
+        given = ("--foxglove", taken.getsockname()[1], "--duration", "0.2", "--workers", "1")
+        done = called(tmp_path, "process", SANDBOX, "out.mcap", *given)
     assert done.code == 1
-    assert told in done.error_line
+    assert "--foxglove: expected a free port, found 127.0.0.1:" in done.error_line
     assert list(tmp_path.iterdir()) == []
 
 

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command import Lidcam
 from mcap.reader import make_reader
 
 import lidcam
@@ -96,9 +95,3 @@ def test_a_function_of_a_script_stays_in_its_process(engine: Any, caplog: pytest
 def test_options_that_contradict_each_other(options: dict[str, Any], message: str) -> None:
     with pytest.raises(lidcam.ConfigError, match=message):
         lidcam.process(CROSSING, **options)
-
-
-def test_the_command_line_has_no_function(lidcam: Lidcam, tmp_path: Path) -> None:
-    done = lidcam("process", CROSSING, tmp_path / "out.mcap", "--set", "detect3d.method=callable")
-    assert done.code == 1
-    assert "detect3d.method callable: it is `callable` if detector is given, and only then" in done.error_line
