@@ -107,3 +107,7 @@ def test_images_are_written_as_recorded_with_true_boxes(lidcam: Lidcam, tmp_path
     assert agreed.code == 0
     both = json.loads((tmp_path / "agreed" / "results.json").read_text(encoding="utf-8"))
     assert len(both) > len(found) > 5, "of all cameras"
+    done = lidcam("export", result, "--format", "kitti", "--out", tmp_path / "kitti")
+    assert "true objects of class bus, which kitti does not have" in done.err
+    lines = (tmp_path / "kitti/training/label_2/000000.txt").read_text(encoding="utf-8").splitlines()
+    assert "Van" in {line.split()[0] for line in lines}
