@@ -130,14 +130,6 @@ def test_two_classes_in_one_place_are_one_object() -> None:
     assert len({tuple(row.sizes[0]) for row in rows}) == 1
 
 
-def test_two_boxes_of_one_object_are_one_track() -> None:
-    lorry = (
-        Mover(straight(0, 0, 0, 0.5), TRUCK, (9.0, 2.5, 3.0)),
-        Mover(straight(0.5, 0, 0, 0.5), BUS, (10.0, 2.5, 3.0)),
-    )
-    assert ids(tracked(scene(lorry, 40))) == [[1]] * 40
-
-
 @pytest.mark.parametrize(("belief", "every"), [(0.6, 2), (0.95, 3)])
 def test_what_is_rarely_seen_is_left_out(belief: float, every: int) -> None:
     rows = tracked(scene([Mover(straight(0, 0, 0, 0), belief=belief, seen=lambda k: k % every == 0)], 41))
