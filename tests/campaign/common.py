@@ -4,21 +4,19 @@ Case N of seed S is the same on every machine: a failure is repeated with `--see
 """
 
 import argparse
-import json
 import os
-import resource
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import count as count_from
 from pathlib import Path
 from random import Random
 from types import FrameType
@@ -90,14 +88,18 @@ def campaign(
     parser.add_argument("--minutes", type=float, help="duration")
     parser.add_argument("--seed", type=int, default=1, help="of all chance (default: %(default)s)")
     parser.add_argument("--case", type=int, help="only this one, with its detail")
-    parser.add_argument("--out", type=Path, default=KEPT, help="folder of failures and results (default: out/campaign)")
+    parser.add_argument("--out", type=Path, default=KEPT, help="folder of failures (default: out/campaign)")
     options = parser.parse_args(arguments)
     folder = options.out / name
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     counts, faults = Counter[str](), Counter[str]()
     started_s = time.monotonic()
-    for number in _numbers(options, started_s, count):
+    end_s = started_s + 60 * (float("inf") if options.minutes is None else options.minutes)
+    most = options.count or (count if options.minutes is None else sys.maxsize)
+    for number in count_from() if options.case is None else [options.case]:
+        if options.case is None and (number >= most or time.monotonic() >= end_s):
+            break
         outcome = _tried(try_case, number, options.seed, max_case_s)
         counts[outcome.kind] += 1
         if outcome.is_fault:
@@ -106,29 +108,12 @@ def campaign(
                 _keep(folder / f"case{number}", outcome)
         if options.case is not None:
             print(f"case {number}: {outcome.kind}: {outcome.detail}")
-    seconds = round(time.monotonic() - started_s)
-    usages = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    peak_mib = max(usage.ru_maxrss for usage in usages) // 1024
-    print(f"{name}: seed {options.seed}, {counts.total()} cases, {seconds} s, at most {peak_mib} MiB")
+    print(f"{name}: seed {options.seed}, {counts.total()} cases, {time.monotonic() - started_s:.0f} s")
     for kind, cases in sorted(counts.items(), key=lambda item: (item[0] not in faults, -item[1], item[0])):
         print(f"  {cases:>9}  {kind}{'  <- falls short' if kind in faults else ''}")
     if faults:
         print(f"  kept in {folder}; repeat one with --seed {options.seed} --case N")
-    record = {"seed": options.seed, "seconds": seconds, "peak_mib": peak_mib, "counts": counts, "faults": faults}
-    (folder / "result.json").write_text(json.dumps(record, indent=2, sort_keys=True) + "\n")
     return int(bool(faults))
-
-
-def _numbers(options: argparse.Namespace, started_s: float, default: int) -> Iterator[int]:
-    if options.case is not None:
-        yield options.case
-        return
-    end_s = started_s + 60 * (options.minutes if options.minutes is not None else float("inf"))
-    number = 0
-    most = options.count if options.count is not None else default if options.minutes is None else sys.maxsize
-    while number < most and time.monotonic() < end_s:
-        yield number
-        number += 1
 
 
 def _tried(try_case: Callable[[int, Random], Outcome], number: int, seed: int, max_case_s: float) -> Outcome:
@@ -156,7 +141,6 @@ class Child:
     stdout: str
     stderr: str
     seconds: float
-    peak_mib: int
     is_hung: bool
 
     @property
@@ -171,43 +155,31 @@ def run_child(
     *,
     timeout_s: float = 60.0,
     env: Mapping[str, str] | None = None,
-    during: Callable[[subprocess.Popen[bytes]], None] | None = None,
+    during: Callable[[int], None] | None = None,
 ) -> Child:
     """Run a command to its end, with more variables than those of this process.
 
-    `during` is called once it runs, for instance to send signals by `os.kill`: the methods of Popen wait for a process
-    that has ended, which is done here.
+    `during` is called with the number of the process once it runs, for instance to send signals. Its output goes to
+    files: a pipe would stay open as long as anything that it started.
     """
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-        started_s = time.monotonic()
+        started_s, is_hung = time.monotonic(), False
         environment = os.environ | {"PYTHONPATH": str(ROOT)} | dict(env or {})
         process = subprocess.Popen(
-            [*map(str, command)],
-            stdin=subprocess.DEVNULL,
-            stdout=out,
-            stderr=err,
-            env=environment,
-            start_new_session=True,
+            command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, env=environment, start_new_session=True
         )
         if during is not None:
-            during(process)
-        hung = threading.Event()
-
-        def end() -> None:
-            hung.set()
-            os.kill(process.pid, signal.SIGKILL)
-
-        timer = threading.Timer(timeout_s, end)
-        timer.daemon = True
-        timer.start()
-        _, status, usage = os.wait4(process.pid, 0)
-        timer.cancel()
-        process.returncode = os.waitstatus_to_exitcode(status)  # Popen must not wait for it again
-        seconds, peak_mib = time.monotonic() - started_s, usage.ru_maxrss // 1024
+            during(process.pid)
+        try:
+            process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            is_hung = True
+            process.kill()
+        returncode, seconds = process.wait(), time.monotonic() - started_s
         out.seek(0)
         err.seek(0)
         told, errors = (file.read().decode(errors="replace") for file in (out, err))
-        return Child(process.returncode, told, errors, seconds, peak_mib, hung.is_set())
+        return Child(returncode, told, errors, seconds, is_hung)
 
 
 def is_one_line(text: str) -> bool:

@@ -6,7 +6,6 @@ bytes that no checksum covers.
 """
 
 import sys
-from collections.abc import Sequence
 from random import Random
 
 from common import Outcome, campaign  # isort: skip  (puts the tests' folders on the path)
@@ -15,15 +14,10 @@ from damage_judge import judge_altered
 from sound_recordings import KINDS
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run it; the exit code."""
-    return campaign("containers", _try_case, count=50_000, arguments=arguments, max_case_s=60.0)
-
-
 def _try_case(number: int, chance: Random) -> Outcome:
     verdict, files = judge_altered(KINDS[number % len(KINDS)], chance)
     return Outcome(verdict.kind, verdict.is_fault, verdict.detail, files)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(campaign("containers", _try_case, count=50_000))

@@ -9,12 +9,11 @@ output is whole or missing, the main one is there only with all others, and the 
 import hashlib
 import os
 import signal
-import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -38,21 +37,6 @@ COMMANDS = (
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the campaign."""
-    # What runs in the background ignores Ctrl-C, and so would all that it starts.
-    before = {number: signal.signal(number, _default(number)) for number in (signal.SIGINT, signal.SIGHUP)}
-    try:
-        return campaign("signals", _try_case, count=255, arguments=arguments, max_case_s=3 * TIMEOUT_S)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _default(number: int) -> "signal._HANDLER":
-    return signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
-
-
 def _try_case(number: int, chance: Random) -> Outcome:
     command = COMMANDS[number % len(COMMANDS)]
     seconds, expected = _whole(command)
@@ -65,13 +49,25 @@ def _try_case(number: int, chance: Random) -> Outcome:
         out, temporary = Path(base, "out"), Path(base, "tmp")
         out.mkdir()
         temporary.mkdir()
-        sender = _Sender(sent, at_s, to_group=to_group)
-        child = _run(command, out, temporary, sender)
-        name, pid = command.split(maxsplit=1)[0], sender.pid
+        name, pids = command.split(maxsplit=1)[0], list[int]()
+
+        def during(pid: int) -> None:
+            pids.append(pid)
+            for timer in timers:
+                timer.start()
+
+        def send() -> None:
+            with suppress(ProcessLookupError):
+                (os.killpg if to_group else os.kill)(pids[0], sent)
+
+        timers = [threading.Timer(at, send) for at in at_s]
+        child = _run(command, out, temporary, during)
+        for timer in timers:
+            timer.cancel()
         detail = f"{command}\n{sent.name} at {at_s} s of {seconds:.1f}, to {'its group' if to_group else 'it'}\n"
         if sent == signal.SIGKILL:
-            return _killed(command, out, temporary, expected, _processes(pid))
-        after, left = _files(out), [*_files(temporary), *_processes(pid)]
+            return _killed(command, out, temporary, expected, _processes(pids[0]))
+        after, left = _files(out), [*_files(temporary), *_processes(pids[0])]
         detail += f"exit code {child.returncode} after {child.seconds:.2f} s\n{after}\n{left}\n{child.stderr}"
     if left:
         return Outcome(f"{name}: leftovers", is_fault=True, detail=detail)
@@ -127,38 +123,10 @@ PLACES = ("lidcam", "pipeline", "readers", "writers", "bags", "numpy", "cv2", "E
 """What a traceback names that comes of our code, or of what that imports."""
 
 
-class _Sender:
-    """Sends a signal to a process, some seconds after its start."""
-
-    def __init__(self, number: signal.Signals, at_s: Sequence[float], *, to_group: bool) -> None:
-        self._number, self._at_s, self._to_group = number, at_s, to_group
-        self._is_over = threading.Event()
-        self.pid = 0
-
-    def __call__(self, process: subprocess.Popen[bytes]) -> None:
-        self.pid = process.pid
-        threading.Thread(target=self._send, args=(time.monotonic(),), daemon=True).start()
-
-    def stop(self) -> None:
-        """Send nothing more."""
-        self._is_over.set()
-
-    def _send(self, started_s: float) -> None:
-        for at_s in self._at_s:
-            if self._is_over.wait(max(started_s + at_s - time.monotonic(), 0)):
-                return
-            with suppress(ProcessLookupError):
-                (os.killpg if self._to_group else os.kill)(self.pid, self._number)
-
-
-def _run(command: str, out: Path, temporary: Path, sender: _Sender | None = None) -> Child:
+def _run(command: str, out: Path, temporary: Path, during: Callable[[int], None] | None = None) -> Child:
     places = {"in": small_inputs(), "out": out}
     arguments = [part.format_map(places) for part in command.split()]
-    try:
-        return run_child([*LIDCAM, *arguments], timeout_s=TIMEOUT_S, env={"TMPDIR": str(temporary)}, during=sender)
-    finally:
-        if sender is not None:
-            sender.stop()
+    return run_child([*LIDCAM, *arguments], timeout_s=TIMEOUT_S, env={"TMPDIR": str(temporary)}, during=during)
 
 
 @cache
@@ -199,4 +167,7 @@ def _processes(session: int) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    # What runs in the background ignores Ctrl-C, and so would all that it starts.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    sys.exit(campaign("signals", _try_case, count=255, max_case_s=3 * TIMEOUT_S))

@@ -55,11 +55,6 @@ class _Run:
     losses: int
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """1 if a run ended without output, lost a message in silence, or wrote a wrong time."""
-    return campaign("stamps", _try_case, count=400, arguments=arguments)
-
-
 def _try_case(_: int, chance: Random) -> Outcome:
     form, motion = chance.choice(FORMS), chance.choice(MOTIONS)
     encoding: Literal["ros1", "cdr"] = "ros1" if form == "rosbag1" else "cdr"
@@ -212,4 +207,4 @@ def _stamp_ns(message: RawMessage) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(campaign("stamps", _try_case, count=400))

@@ -16,63 +16,38 @@ SHORT = ("--duration", "0.4")
 @pytest.fixture
 def logs(tmp_path: Path) -> Path:
     (tmp_path / "logs" / "day").mkdir(parents=True)
-    write_mcap(tmp_path / "logs" / "day" / "drive.mcap", small_drive("cdr"))
+    write_mcap(tmp_path / "logs" / "day" / "a & b.mcap", small_drive("cdr"))
     (tmp_path / "logs" / "text.bag").write_bytes(b"no recording")
     return tmp_path / "logs"
 
 
-def test_a_batch_makes_what_single_runs_make(lidcam: Lidcam, logs: Path, tmp_path: Path) -> None:
+def test_a_batch_makes_what_single_runs_make_and_a_page(lidcam: Lidcam, logs: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    run = lidcam("batch", logs, "--out", out, *SHORT, "--objects", "--save-matches", "--every", 2, "--json")
+    given = ("batch", logs, "--out", out, *SHORT, "--objects", "--report", "--save-matches", "--every", 2)
+    run = lidcam(*given, "--json")
     assert run.code == 1
     assert "1 of 2 recordings failed: text: " in run.error_line
     done, failed = json.loads(run.out)["jobs"]
-    assert (done["name"], done["state"], done["frames"], done["exit_code"]) == ("day/drive", "done", 2, 0)
+    assert (done["name"], done["state"], done["frames"], done["exit_code"]) == ("day/a & b", "done", 2, 0)
     assert (failed["state"], failed["exit_code"]) == ("failed", 1)
     assert "expected a ROS 1 .bag" in failed["message"]
     assert done["processor_s"] > 0
-    assert lidcam("process", logs / "day" / "drive.mcap", tmp_path / "one.mcap", *SHORT, "--every", 2).code == 0
-    assert (out / "day" / "drive.mcap").read_bytes() == (tmp_path / "one.mcap").read_bytes()
+    assert lidcam("process", logs / "day" / "a & b.mcap", tmp_path / "one.mcap", *SHORT, "--every", 2).code == 0
+    assert (out / "day" / "a & b.mcap").read_bytes() == (tmp_path / "one.mcap").read_bytes()
     assert pq.read_table(out / "_jobs.parquet").column("state").to_pylist() == ["done", "failed"]
-    assert pq.read_table(out / "day" / "drive.parquet").num_columns > 10
-    assert (out / "day" / "drive_matches").is_dir()
-    before = (out / "day" / "drive.mcap").stat().st_mtime_ns
-    again = lidcam("batch", logs, "--out", out, *SHORT, "--objects", "--save-matches", "--every", 2)
-    assert again.code == 1
-    assert re.search(r"^day/drive +up to date +2 ", again.out, re.MULTILINE)
-    assert again.out.splitlines()[-1] == "1 failed, 1 up to date; 2 frames; road users: 1 car"
-    assert (out / "day" / "drive.mcap").stat().st_mtime_ns == before
-
-
-def test_a_page_lists_them_with_images_and_links(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    (tmp_path / "a & b.bag").symlink_to(sandbox)
-    given = ("batch", tmp_path / "a & b.bag", "--out", out, "--duration", "0.3", "--report")
-    assert lidcam(*given).code == 0
+    assert pq.read_table(out / "day" / "a & b.parquet").num_columns > 10
+    assert (out / "day" / "a & b_matches").is_dir()
     page = (out / "index.html").read_text(encoding="utf-8")
-    assert "<td>a &amp; b</td>" in page
-    assert 'href="a%20%26%20b.html"' in page
-    assert 'href="a%20%26%20b.mcap"' in page
+    assert "<td>day/a &amp; b</td>" in page
+    assert 'href="day/a%20%26%20b.html"' in page
+    assert 'href="day/a%20%26%20b.mcap"' in page
     assert page.count("data:image/jpeg;base64,") == 1
     (out / "index.html").write_text("somebody else's", encoding="utf-8")
+    before = (out / "day" / "a & b.mcap").stat().st_mtime_ns
     again = lidcam(*given)
+    assert again.code == 1
     assert "index.html was not written by lidcam: it stays as it is" in again.err
     assert (out / "index.html").read_text(encoding="utf-8") == "somebody else's"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "fault"),
-    [
-        (("--set", "sync.slop=1"), "slop"),
-        (("--rig", "nothing.yaml"), "nothing.yaml"),
-        (("--jobs", "0"), "--jobs"),
-        (("--address", "head:6379"), "--engine ray"),
-    ],
-)
-def test_wrong_settings_are_told_once(
-    lidcam: Lidcam, logs: Path, tmp_path: Path, arguments: tuple[str, ...], fault: str
-) -> None:
-    run = lidcam("batch", logs, "--out", tmp_path / "out", *arguments)
-    assert run.code in {1, 2}
-    assert fault in run.err
-    assert not (tmp_path / "out").exists()
+    assert re.search(r"^day/a & b +up to date +2 ", again.out, re.MULTILINE)
+    assert again.out.splitlines()[-1] == "1 failed, 1 up to date; 2 frames; road users: 1 car"
+    assert (out / "day" / "a & b.mcap").stat().st_mtime_ns == before

@@ -31,7 +31,6 @@ def frames_in(path: Path) -> int:
 @pytest.mark.parametrize(
     "command",
     [
-        "inspect {sandbox}",
         "process {sandbox} out.mcap --duration 0.4 --print-detections",
         "process {sandbox} out.mcap --duration 0.4 --verbose 2>&1",
     ],

@@ -191,13 +191,27 @@ def shortened(words: list[str]) -> list[str]:
     return words
 
 
+def outputs_of(words: list[str]) -> set[str]:
+    """Names of the files that a command writes."""
+    named = {after for option, after in pairwise(words) if option in {"--write-rig", "--repair", "--rerun"}}
+    redirected = {after for sign, after in pairwise(words) if sign == ">"}
+    made = {"process": ["out.mcap"], "simulate": words[3:4], "drive": words[3:4]}
+    return named | redirected | set(made.get("process" if words[0] == "lidcam-process" else words[1], []))
+
+
+def said(command: str) -> frozenset[str]:
+    """What a command says, whatever it calls its outputs."""
+    words = shortened(shlex.split(command))
+    return frozenset(Path(word).suffix if word in outputs_of(words) else word for word in words)
+
+
 def distinct(commands: list[str]) -> list[str]:
-    """The commands of which no other says all the words and more; they are run for one time."""
-    words = {one: frozenset(shortened(shlex.split(one))) for one in commands}
+    """The commands of which no other says all and more; they are run for one time."""
+    words = {one: said(one) for one in commands}
     return [
         one
         for row, one in enumerate(commands)
-        if not any(words[one] < words[other] or words[one] == words[other] for other in commands[:row])
+        if not any(words[one] <= words[other] for other in commands[:row])
         and not any(words[one] < words[other] for other in commands[row + 1 :])
     ]
 
@@ -216,14 +230,6 @@ def shell(line: str, cwd: Path) -> Run:
 def url() -> Iterator[str]:
     with range_server({"/drive.mcap": CROSSING.read_bytes()}) as server:
         yield server.url
-
-
-def outputs_of(words: list[str]) -> set[str]:
-    """Names of the files that a command writes."""
-    named = {after for option, after in pairwise(words) if option in {"--write-rig", "--repair", "--rerun"}}
-    redirected = {after for sign, after in pairwise(words) if sign == ">"}
-    made = {"process": ["out.mcap"], "simulate": words[3:4], "drive": words[3:4]}
-    return named | redirected | set(made.get("process" if words[0] == "lidcam-process" else words[1], []))
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -1,4 +1,4 @@
-"""`lidcam drive` by a script of keys (tests/bags/simulator/drive has a terminal), and `lidcam simulate`."""
+"""`lidcam drive` by a script of keys; tests/bags/simulator/drive has a terminal."""
 
 from pathlib import Path
 from typing import Any
@@ -35,14 +35,3 @@ def test_scripted_keys_give_the_same_bytes_each_time(lidcam: Lidcam, tmp_path: P
     assert done.code == 0, done.err
     assert "0.6 s" in done.err  # nothing after the key to quit
     assert drives(tmp_path / "c.bag", "car1") == [(0.3, 0.0), (0.3, -0.49)]
-
-
-def test_lidcam_opens_what_it_simulated(lidcam: Lidcam, tmp_path: Path) -> None:
-    scenario = write_small_scenario(tmp_path / "small.yaml", lidars__top__output="both", lidars__top__firing_stride=1)
-    done = lidcam("simulate", scenario, tmp_path / "out.mcap", "--duration", 0.5)
-    assert (done.code, done.out) == (0, ""), done.err
-    assert f"wrote {tmp_path / 'out.mcap'}:" in done.err
-    done = lidcam("inspect", tmp_path / "out.mcap", "-v")
-    assert done.code == 0, done.err
-    for topic in ("/points", "/packets", "/image/compressed", "/boxes", "/ground_truth/objects"):
-        assert topic in done.out

@@ -67,9 +67,6 @@ def test_a_later_run_replaces_them_with_the_same_bytes(made: Path, sandbox: Path
     before = content()
     library.process(sandbox, made / "out.mp4", save_matches=made / "images", **SAME)
     assert content() == before
-    (made / "images" / "notes.txt").touch()
-    with pytest.raises(library.OutputError, match="holds more than the images of an earlier run"):
-        library.process(sandbox, save_matches=made / "images", duration_s=0.3, overwrite=True)
 
 
 def test_a_recording_without_cameras(tmp_path: Path, lidcam: Lidcam) -> None:
@@ -80,11 +77,3 @@ def test_a_recording_without_cameras(tmp_path: Path, lidcam: Lidcam) -> None:
     refused = lidcam("process", tmp_path / "rec.mcap", tmp_path / "other.mcap", "--save-matches", tmp_path / "images")
     assert "images: images of matches need cameras" in refused.error_line
     assert not (tmp_path / "other.mcap").exists()
-
-
-@pytest.mark.parametrize(("option", "name"), [("--video", "out.mp4"), ("--save-matches", "images")])
-def test_images_that_are_not_read(option: str, name: str, tmp_path: Path, sandbox: Path, lidcam: Lidcam) -> None:
-    without = ("--set", "output.images=false", *PART)
-    refused = lidcam("process", sandbox, tmp_path / "out.mcap", option, tmp_path / name, *without)
-    assert refused.error_line.endswith(f"{name}: needs images: set output.images=true")
-    assert [*tmp_path.iterdir()] == []

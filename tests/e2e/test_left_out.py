@@ -1,15 +1,12 @@
 """An installation without packages that most commands do without: others say in one line what is missing."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from command import Run, called_apart
 
 WITHOUT = """
 import sys
-
-gone = set(sys.argv.pop(1).split(","))
 
 
 class Gone:
@@ -23,53 +20,45 @@ import importlib.util
 
 found = importlib.util.find_spec
 importlib.util.find_spec = lambda name, package=None: None if name in gone else found(name, package)
-from lidcam.__main__ import main
-
-main()
 """
-ALL = "rerun,pyarrow,scipy,jinja2"
 
 
-def called(gone: str, *arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", WITHOUT, gone, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
-
-
-def test_a_small_installation_processes_and_exports(sandbox: Path, tmp_path: Path) -> None:
-    result = tmp_path / "out.mcap"
+def test_a_small_installation_processes_exports_and_shows_the_demo(sandbox: Path, tmp_path: Path) -> None:
     part = ("--duration", 0.2, "--set", "detect3d.method=cluster")
-    for arguments in (
+    done = called_apart(
+        tmp_path,
+        "gone = {'rerun', 'pyarrow', 'scipy', 'jinja2'}" + WITHOUT,
         ("inspect", sandbox),
-        ("process", sandbox, result, *part, "--objects", tmp_path / "out.csv", "--save-matches", tmp_path / "images"),
-        ("export", result, "--format", "coco", "--out", tmp_path / "set"),
-        ("compare", result, result),
-    ):
-        done = called(ALL, *arguments)
-        assert done.returncode == 0, done.stderr
-
-
-def test_the_demo_does_without_rerun(tmp_path: Path) -> None:
-    done = called("rerun,pyarrow", "demo", tmp_path / "demo")
-    assert done.returncode == 0, done.stderr
-    assert "open sandbox.mcap in Foxglove" in done.stdout
+        ("process", sandbox, "out.mcap", *part, "--objects", "out.csv", "--save-matches", "images"),
+        ("export", "out.mcap", "--format", "coco", "--out", "set"),
+        ("compare", "out.mcap", "out.mcap"),
+    )
+    assert [one.code for one in done] == [0] * 4, done
+    (demo,) = called_apart(tmp_path, "gone = {'rerun', 'pyarrow'}" + WITHOUT, ("demo", "demo"))
+    assert demo.code == 0, demo.err
+    assert "open sandbox.mcap in Foxglove" in demo.out
     assert not list((tmp_path / "demo").glob("*.rrd"))
 
 
-@pytest.mark.parametrize(
-    ("gone", "arguments", "package"),
-    [
-        ("rerun", ["process", "IN", "out.mcap", "--rerun", "out.rrd"], "rerun-sdk"),
-        ("rerun", ["process", "IN", "out.mcap", "--view"], "rerun-sdk"),
-        ("pyarrow", ["process", "IN", "out.mcap", "--objects", "out.parquet"], "pyarrow"),
-        ("pyarrow", ["batch", "IN", "--out", "results"], "pyarrow"),
-        ("jinja2", ["process", "IN", "out.mcap", "--duration", "0.2", "--report", "out.html"], "jinja2"),
-    ],
-)
-def test_what_needs_a_package_says_so_in_one_line(
-    sandbox: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, gone: str, arguments: list[str], package: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    done = called(gone, *(str(sandbox) if word == "IN" else word for word in arguments))
-    assert done.returncode == 1
-    assert done.stderr == f"lidcam: error: this needs {package}, which is not installed: pip install {package}\n"
-    assert not [path for path in tmp_path.iterdir() if path.suffix]
+COMMANDS = [
+    ("rerun-sdk", "process IN out.mcap --rerun out.rrd"),
+    ("rerun-sdk", "process IN out.mcap --view"),
+    ("pyarrow", "process IN out.mcap --objects out.parquet"),
+    ("pyarrow", "batch IN --out results"),
+    ("jinja2", "process IN out.mcap --duration 0.2 --report out.html"),
+]
+
+
+@pytest.fixture(scope="module")
+def refused(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Run], Path]:
+    folder = tmp_path_factory.mktemp("refused")
+    commands = [tuple(str(sandbox) if word == "IN" else word for word in line.split()) for _, line in COMMANDS]
+    return called_apart(folder, "gone = {'rerun', 'pyarrow', 'jinja2'}" + WITHOUT, *commands), folder
+
+
+@pytest.mark.parametrize("row", range(len(COMMANDS)), ids=[line for _, line in COMMANDS])
+def test_what_needs_a_package_says_so_in_one_line(refused: tuple[list[Run], Path], row: int) -> None:
+    (package, _), (runs, folder) = COMMANDS[row], refused
+    said = f"lidcam: error: this needs {package}, which is not installed: pip install {package}\n"
+    assert (runs[row].code, runs[row].err) == (1, said)
+    assert not [path for path in folder.iterdir() if path.suffix]

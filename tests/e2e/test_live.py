@@ -58,20 +58,19 @@ def test_foxglove_gets_what_the_file_gets(tmp_path: Path, port: int) -> None:
         reader = make_reader(file)
         summary = reader.get_summary()
         assert summary is not None
-        names = {channel.topic: summary.schemas[channel.schema_id].name for channel in summary.channels.values()}
+        schemas = {channel.topic: summary.schemas[channel.schema_id] for channel in summary.channels.values()}
         for _, channel, message in reader.iter_messages(log_time_order=False):
             if message.log_time > log_times_ns[0] or channel.topic.startswith(("/tf_static", *copied)):
                 expected.setdefault(channel.topic, []).append((message.log_time, message.data))
-    assert {topic: one["schemaName"] for topic, one in client.channels.items()} == names
+    told = {topic: (one["schemaName"], one["schema"]) for topic, one in client.channels.items()}
+    assert told == {topic: (schema.name, schema.data.decode()) for topic, schema in schemas.items()}
     assert len(log_times_ns) > 2
     for topic, found in client.messages.items():
         begin = expected[topic].index(found[0])
         assert found == expected[topic][begin : begin + len(found)], topic
     late = {topic for topic, found in client.messages.items() if len(found) < len(expected[topic])}
     assert all(topic.startswith(copied) for topic in late | (expected.keys() - client.messages.keys()))
-    for topic in client.messages:
-        assert client.decoded(topic) is not None
-    assert len(client.decoded("/point_cloud_combined").data) > 10_000
+    assert len(client.messages["/point_cloud_combined"][-1][1]) > 10_000
     assert client.times_ns[-1] == log_times_ns[-1]
     assert (client.server["name"], client.server["capabilities"]) == ("sandbox.bag", ["time"])
 
@@ -98,23 +97,14 @@ def test_who_says_nothing_does_not_hold_up_the_end(tmp_path: Path, port: int, mo
             assert client.recv(1) == b""
 
 
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        (("--foxglove", "http"), "foxglove: expected PORT or HOST:PORT, found 'http'"),
-        (("--foxglove", "65536"), "foxglove: expected PORT or HOST:PORT, found '65536'"),
-        (("--foxglove", "TAKEN"), "--foxglove: expected a free port, found 127.0.0.1:"),
-        (("--pace", "0"), "pace: expected more than 0, found 0.0"),
-    ],
-)
-def test_what_cannot_be_served(tmp_path: Path, options: tuple[str, ...], told: str) -> None:
+def test_a_port_that_is_taken(tmp_path: Path) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        given = [str(taken.getsockname()[1]) if option == "TAKEN" else option for option in options]
-        done = called(tmp_path, "process", SANDBOX, "out.mcap", "--duration", "0.2", "--workers", "1", *given)
+        given = ("--foxglove", taken.getsockname()[1], "--duration", "0.2", "--workers", "1")
+        done = called(tmp_path, "process", SANDBOX, "out.mcap", *given)
     assert done.code == 1
-    assert told in done.error_line
+    assert "--foxglove: expected a free port, found 127.0.0.1:" in done.error_line
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,4 +1,4 @@
-"""The notebook in `examples/` runs in an empty folder, and is stored as it ran; test_wheel runs it with the wheel."""
+"""The notebook in `examples/` runs in an empty folder, and is stored as it ran."""
 
 import os
 import shutil

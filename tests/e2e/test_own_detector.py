@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command import Lidcam
 from mcap.reader import make_reader
 
 import lidcam
@@ -45,10 +44,14 @@ def engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     return own_engine
 
 
-def test_the_functions_are_used_and_the_number_of_processes_changes_no_byte(engine: Any, tmp_path: Path) -> None:
+def test_the_functions_are_used_and_the_number_of_processes_changes_no_byte(
+    engine: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lidcam.pipeline.parallel.run.START_S", 0.0)  # no recording is too short for two processes
+    engines = {"detector": engine.find, "detector_2d": engine.look}
     results = [tmp_path / f"{workers}.mcap" for workers in (1, 2)]
     for workers, result in enumerate(results, 1):
-        run = lidcam.process(CROSSING, result, detector=engine.find, detector_2d=engine.look, workers=workers)
+        run = lidcam.process(CROSSING, result, **engines, workers=workers, duration_s=0.6)
     assert results[0].read_bytes() == results[1].read_bytes()
     sensors, drops = run.summary.sensors, run.summary.drops
     assert (sensors.box_source, sensors.box_source_3d) == ("callable", "callable")
@@ -92,9 +95,3 @@ def test_a_function_of_a_script_stays_in_its_process(engine: Any, caplog: pytest
 def test_options_that_contradict_each_other(options: dict[str, Any], message: str) -> None:
     with pytest.raises(lidcam.ConfigError, match=message):
         lidcam.process(CROSSING, **options)
-
-
-def test_the_command_line_has_no_function(lidcam: Lidcam, tmp_path: Path) -> None:
-    done = lidcam("process", CROSSING, tmp_path / "out.mcap", "--set", "detect3d.method=callable")
-    assert done.code == 1
-    assert "detect3d.method callable: it is `callable` if detector is given, and only then" in done.error_line

@@ -12,7 +12,7 @@ import pytest
 from command import Lidcam, Run
 from helpers import CLUSTERS
 from mcap.reader import make_reader
-from results import fused_objects, messages_of, stamp_of
+from results import fused_objects, messages_of, stamp_of, topics_of
 from rosbags.highlevel import AnyReader
 
 Process = Callable[..., Run]
@@ -151,8 +151,10 @@ def test_truth_is_copied_around_the_window_with_names_for_numbers(process: Proce
 
 
 def test_lidar_only_says_so_and_draws_its_boxes_over_the_images(process: Process, tmp_path: Path) -> None:
-    out, options = tmp_path / "o.mcap", ("--set", "detect2d.method=none", "--duration", "0.3")
+    out, one_camera = tmp_path / "o.mcap", "topics.cameras=[/image_raw_43/compressed]"
+    options = ("--set", "detect2d.method=none", "--set", one_camera, "--duration", "0.3")
     run = process(out, *options, "--print-detections", "--print-matches")
+    assert [topic for topic in topics_of(out) if topic.endswith("/annotations")] == ["/cam43/annotations"]
     assert "lidar-only" in run.out
     assert "lidar detections" in run.out
     assert any(fused_objects(out).values())

@@ -19,16 +19,6 @@ def make_recording(sequence: str, out: Path) -> Path:
     return out
 
 
-@pytest.fixture(scope="module")
-def driving(lidcam: Lidcam, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Output of 15 frames of driving in dense traffic."""
-    folder = tmp_path_factory.mktemp("driving")
-    recording = make_recording("kitti_raw_sequence", folder / "K.bag")
-    run = lidcam("process", recording, folder / "k.mcap", "--model-2d", shared("weights/yolox_nano.onnx"))
-    assert run.code == 0, run.err
-    return folder / "k.mcap"
-
-
 def rear_of_the_car_ahead_m(index: int) -> float:
     """The cloud's own: near the first percentile of x over the points of the car in our lane."""
     path = shared(f"data/kitti_raw_sequence/velodyne_points/{index:010}.bin")
@@ -37,16 +27,19 @@ def rear_of_the_car_ahead_m(index: int) -> float:
     return float(np.percentile(x[on_car], 1))
 
 
-def test_the_car_ahead_is_a_car_and_its_rear_is_where_its_points_are(driving: Path) -> None:
-    frames = list(fused_objects(driving).values())
-    assert len(frames) == 15
+def test_the_car_ahead_is_a_car_and_its_rear_is_where_its_points_are(lidcam: Lidcam, tmp_path: Path) -> None:
+    recording, network = make_recording("kitti_raw_sequence", tmp_path / "K.bag"), shared("weights/yolox_nano.onnx")
+    run = lidcam("process", recording, tmp_path / "k.mcap", "--model-2d", network, "--duration", 0.6)
+    assert run.code == 0, run.err
+    frames = list(fused_objects(tmp_path / "k.mcap").values())
+    assert len(frames) == 6
     assert rear_of_the_car_ahead_m(0) == pytest.approx(7.98, abs=0.01)
     good = 0
     for index, objects in enumerate(frames):
         rear_m = rear_of_the_car_ahead_m(index)
         ahead = [o for o in objects if o.label == "car" and abs(o.y) < 1.5 and abs(o.x - o.length / 2 - rear_m) < 0.5]
         good += bool(ahead)
-    assert good >= 13
+    assert good >= 5
 
 
 def test_parked_cars(lidcam: Lidcam, tmp_path: Path) -> None:

@@ -3,16 +3,12 @@
 What a recipe puts into a row of a table is put there by a program that then does what lidcam does.
 """
 
-import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from builders import write_mcap
-from command import Run
+from command import called_apart
 from helpers import CLUSTERS
 from message_layouts import message_of_layout
 from results import fused_objects, messages_of
@@ -25,25 +21,6 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 
 SANDBOX = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
-
-COMMANDS = """
-import json, sys
-from dataclasses import asdict
-from pathlib import Path
-from command import called
-
-print(json.dumps([asdict(called(Path(), *command)) for command in json.loads(sys.argv[1])]))
-"""
-
-
-def run(folder: Path, module: str, rows: str, *commands: tuple[object, ...]) -> list[Run]:
-    """Commands of lidcam, called in a process of their own that has the module `toy` and these rows of a table."""
-    (folder / "toy.py").write_text(module, encoding="utf-8")
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(folder), *sys.path])}
-    command = [sys.executable, "-c", rows + COMMANDS, json.dumps(commands, default=str)]
-    told = subprocess.run(command, env=environment, cwd=folder, stdout=subprocess.PIPE, check=True).stdout
-    return [Run(**done) for done in json.loads(told)]
-
 
 ENGINE = '''
 import numpy as np
@@ -76,7 +53,8 @@ def test_an_engine(tmp_path: Path) -> None:
     out = tmp_path / "out.mcap"
     part = ("--config", "sandbox", "--duration", "0.3", "--set", "detect2d.method=none", "--set")
     commands = [("process", SANDBOX, out, *part, f"detect3d.method={name}") for name in ("toy", "toys", "big")]
-    done, unknown, unfit = run(tmp_path, ENGINE, ENGINE_ROWS, *commands)
+    (tmp_path / "toy.py").write_text(ENGINE, encoding="utf-8")
+    done, unknown, unfit = called_apart(tmp_path, ENGINE_ROWS, *commands)
     assert "'none', 'toy' or 'big', found 'toys'" in unknown.error_line
     assert "needs nowhere_at_all, which is not installed: pip install 'lidcam[toys]'" in unfit.error_line
     assert "3D boxes: toy boxes;" in done.out
@@ -187,7 +165,8 @@ def test_a_message_type(tmp_path: Path) -> None:
         write_mcap(tmp_path / f"{name}.mcap", messages)
     options = ("--workers", "1", "--set", CLUSTERS)
     commands = [("process", f"{name}.mcap", f"{name}.out.mcap", *options) for name in ("radius", "size")]
-    done, other = run(tmp_path, DECODER, MESSAGE_ROW, *commands)
+    (tmp_path / "toy.py").write_text(DECODER, encoding="utf-8")
+    done, other = called_apart(tmp_path, MESSAGE_ROW, *commands)
     assert (done.code, other.code) == (0, 3), done.err
     assert "/points: 12 messages dropped: cannot be decoded" in other.err
     clouds = messages_of(tmp_path / "radius.out.mcap", "/point_cloud_combined")

@@ -3,7 +3,6 @@
 `make demo` installs what the lock names by its hashes: that is taken over from there.
 """
 
-import json
 import os
 import re
 import subprocess
@@ -81,18 +80,6 @@ def link_what_the_lock_names(packages: Path, programs: Path) -> None:
                     link.symlink_to(str(package.locate_file(file if is_program else file.parts[0])))
 
 
-def run_notebook(python: Path, packages: Path, folder: Path) -> None:
-    """Run what the notebook of the examples does, in an empty folder, with matplotlib and pandas from here."""
-    (others := packages / "others.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
-    book = json.loads((ROOT / "examples" / "first_look.ipynb").read_text(encoding="utf-8"))
-    cells = ["".join(cell["source"]) for cell in book["cells"] if cell["cell_type"] == "code"]
-    folder.mkdir()
-    (script := folder / "first_look.py").write_text("\n".join([*cells, "print(lidcam.__file__)"]), encoding="utf-8")
-    assert run(python, script, cwd=folder).strip() == str(packages / "lidcam" / "__init__.py")
-    assert (folder / "first_look.mcap").is_file()
-    others.unlink()
-
-
 def test_wheel_runs_elsewhere(tmp_path: Path) -> None:
     # sdist first, wheel from it: a file that the sdist lacks is missing from the wheel, too
     run(sys.executable, "-m", "build", "--no-isolation", "--outdir", tmp_path / "dist", cwd=ROOT)
@@ -120,7 +107,6 @@ def test_wheel_runs_elsewhere(tmp_path: Path) -> None:
     assert "which is not installed: pip install 'lidcam[sim]'" in failed.stderr
     code = "import lidcam; print(lidcam.inspect(lidcam.sample()).settings)"
     assert "sandbox" in run(python, "-c", code, cwd=elsewhere)
-    run_notebook(python, packages, tmp_path / "empty")
     assert "distance_m: 0.06" in run(python.with_name("lidcam"), "config", "show", "sandbox", cwd=elsewhere)
     write_mcap(elsewhere / "in.mcap", small_drive("cdr", frames=4))
     arguments = ("in.mcap", "out.mcap", "--rerun", "out.rrd", "--workers", "1")

@@ -4,8 +4,10 @@
 """
 
 import random
+import sys
 
 import pytest
+from fuzz import MEASURED
 from harnesses import CORPUS, HARNESSES, inputs
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -62,3 +64,7 @@ def test_the_corpus_is_small() -> None:
     files = [path for path in CORPUS.rglob("*") if path.is_file()]
     assert {path.parent.name for path in files} <= HARNESSES.keys()
     assert sum(path.stat().st_size for path in files) < 500_000
+
+
+def test_what_guides_the_fuzzer_is_imported_by_these_names() -> None:
+    assert {*MEASURED} <= sys.modules.keys()

@@ -1,8 +1,10 @@
-"""Commands of lidcam, called in this process: to start a program takes longer."""
+"""Commands of lidcam, called in this process, or several in one other: to start a program takes longer."""
 
 import contextlib
 import io
+import json
 import os
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -52,3 +54,21 @@ def called(folder: Path, *arguments: object, program: str = "lidcam") -> Run:
         except SystemExit as end:
             code = int(end.code or 0)
     return Run(code, out.getvalue(), err.getvalue())
+
+
+CALLS = """
+import json, sys
+from dataclasses import asdict
+from pathlib import Path
+from command import called
+
+print(json.dumps([asdict(called(Path(), *command)) for command in json.loads(sys.argv[1])]))
+"""
+
+
+def called_apart(folder: Path, prepare: str, *commands: tuple[object, ...]) -> list[Run]:
+    """Call commands from a folder, in one process of their own that does something else before, with its modules."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(folder), *sys.path])}
+    program = [sys.executable, "-c", prepare + CALLS, json.dumps(commands, default=str)]
+    done = subprocess.run(program, env=environment, cwd=folder, stdout=subprocess.PIPE, check=True).stdout
+    return [Run(**one) for one in json.loads(done)]

@@ -8,23 +8,13 @@ import asyncio
 import json
 import struct
 import threading
-from functools import cache
 from typing import Any
 
 import aiohttp
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
 PROTOCOL = "foxglove.sdk.v1"
 MESSAGE, TIME = 1, 2
 LATCHED = "/tf_static"
-
-
-@cache
-def _store(name: str, definition: str) -> Typestore:
-    store = get_typestore(Stores.EMPTY)
-    store.register(get_types_from_msg(definition, name))
-    return store
 
 
 class FoxgloveClient:
@@ -57,12 +47,6 @@ class FoxgloveClient:
     def join(self) -> None:
         """Wait until the server has gone."""
         self._thread.join()
-
-    def decoded(self, topic: str) -> Any:
-        """The last message of a topic, read by the definition that its channel brought."""
-        channel = self.channels[topic]
-        store = _store(channel["schemaName"], channel["schema"])
-        return store.deserialize_cdr(self.messages[topic][-1][1], channel["schemaName"])
 
     async def _run(self) -> None:
         async with (

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch
+import yaml
 from torch import nn
 
 from lidcam.pipeline.core.arrays import F64
@@ -23,57 +24,46 @@ BOTTOMS = [-1.78, -0.6]
 TASKS = [["car"], ["pedestrian", "bus"]]
 BRANCHES = (2, 1, 3, 2)
 
-OPENPCDET: dict[str, Any] = {
-    "CLASS_NAMES": CLASSES,
-    "DATA_CONFIG": {
-        "DATASET": "KittiDataset",
-        "POINT_CLOUD_RANGE": RANGE,
-        "POINT_FEATURE_ENCODING": {"used_feature_list": ["x", "y", "z", "intensity"]},
-        "DATA_PROCESSOR": [
-            {"NAME": "shuffle_points"},
-            {"NAME": "transform_points_to_voxels", "VOXEL_SIZE": CELL, "MAX_POINTS_PER_VOXEL": MOST},
-        ],
-    },
-    "MODEL": {
-        "NAME": "PointPillar",
-        "VFE": {
-            "NAME": "PillarVFE",
-            "WITH_DISTANCE": False,
-            "USE_ABSLOTE_XYZ": True,
-            "USE_NORM": True,
-            "NUM_FILTERS": [8, 8],
-        },
-        "MAP_TO_BEV": {"NAME": "PointPillarScatter", "NUM_BEV_FEATURES": 8},
-        "BACKBONE_2D": {
-            "NAME": "BaseBEVBackbone",
-            "LAYER_NUMS": [1, 2],
-            "LAYER_STRIDES": [2, 2],
-            "NUM_FILTERS": [8, 12],
-            "UPSAMPLE_STRIDES": [1, 2],
-            "NUM_UPSAMPLE_FILTERS": [4, 6],
-        },
-        "DENSE_HEAD": {
-            "NAME": "AnchorHeadSingle",
-            "CLASS_AGNOSTIC": False,
-            "USE_DIRECTION_CLASSIFIER": True,
-            "DIR_OFFSET": 0.78539,
-            "DIR_LIMIT_OFFSET": 0.0,
-            "NUM_DIR_BINS": 2,
-            "ANCHOR_GENERATOR_CONFIG": [
-                {
-                    "class_name": name,
-                    "anchor_sizes": [size],
-                    "anchor_rotations": [0, 1.57],
-                    "anchor_bottom_heights": [bottom],
-                    "align_center": False,
-                    "feature_map_stride": 2,
-                }
-                for name, size, bottom in zip(CLASSES, SIZES, BOTTOMS, strict=True)
-            ],
-            "TARGET_ASSIGNER_CONFIG": {"BOX_CODER": "ResidualCoder"},
-        },
-    },
-}
+OPENPCDET: dict[str, Any] = yaml.safe_load("""
+CLASS_NAMES: [Car, Pedestrian]
+DATA_CONFIG:
+  DATASET: KittiDataset
+  POINT_CLOUD_RANGE: [0.0, -4.0, -3.0, 8.0, 4.0, 1.0]
+  POINT_FEATURE_ENCODING: {used_feature_list: [x, y, z, intensity]}
+  DATA_PROCESSOR:
+    - {NAME: shuffle_points}
+    - {NAME: transform_points_to_voxels, VOXEL_SIZE: [0.5, 0.5, 4.0], MAX_POINTS_PER_VOXEL: 4}
+MODEL:
+  NAME: PointPillar
+  VFE: {NAME: PillarVFE, WITH_DISTANCE: false, USE_ABSLOTE_XYZ: true, USE_NORM: true, NUM_FILTERS: [8, 8]}
+  MAP_TO_BEV: {NAME: PointPillarScatter, NUM_BEV_FEATURES: 8}
+  BACKBONE_2D:
+    NAME: BaseBEVBackbone
+    LAYER_NUMS: [1, 2]
+    LAYER_STRIDES: [2, 2]
+    NUM_FILTERS: [8, 12]
+    UPSAMPLE_STRIDES: [1, 2]
+    NUM_UPSAMPLE_FILTERS: [4, 6]
+  DENSE_HEAD:
+    NAME: AnchorHeadSingle
+    CLASS_AGNOSTIC: false
+    USE_DIRECTION_CLASSIFIER: true
+    DIR_OFFSET: 0.78539
+    DIR_LIMIT_OFFSET: 0.0
+    NUM_DIR_BINS: 2
+    TARGET_ASSIGNER_CONFIG: {BOX_CODER: ResidualCoder}
+""")
+OPENPCDET["MODEL"]["DENSE_HEAD"]["ANCHOR_GENERATOR_CONFIG"] = [
+    {
+        "class_name": name,
+        "anchor_sizes": [size],
+        "anchor_rotations": [0, 1.57],
+        "anchor_bottom_heights": [bottom],
+        "align_center": False,
+        "feature_map_stride": 2,
+    }
+    for name, size, bottom in zip(CLASSES, SIZES, BOTTOMS, strict=True)
+]
 OPENPCDET_CENTERS = deepcopy(OPENPCDET) | {"CLASS_NAMES": ["car", "pedestrian", "bus"]}
 OPENPCDET_CENTERS["MODEL"] |= {
     "NAME": "CenterPoint",
@@ -94,47 +84,33 @@ OPENPCDET_CENTERS["MODEL"] |= {
         "POST_PROCESSING": {"SCORE_THRESH": 0.1},
     },
 }
-MMDET3D: dict[str, Any] = {
-    "dataset_type": "KittiDataset",
-    "class_names": CLASSES,
-    "model": {
-        "type": "VoxelNet",
-        "data_preprocessor": {
-            "type": "Det3DDataPreprocessor",
-            "voxel_layer": {"max_num_points": MOST, "point_cloud_range": RANGE, "voxel_size": CELL},
-        },
-        "voxel_encoder": {
-            "type": "PillarFeatureNet",
-            "in_channels": 4,
-            "feat_channels": [8, 8],
-            "voxel_size": CELL,
-            "point_cloud_range": RANGE,
-        },
-        "middle_encoder": {"type": "PointPillarsScatter", "in_channels": 8, "output_shape": [16, 16]},
-        "backbone": {
-            "type": "SECOND",
-            "in_channels": 8,
-            "layer_nums": [1, 2],
-            "layer_strides": [2, 2],
-            "out_channels": [8, 12],
-        },
-        "neck": {"type": "SECONDFPN", "in_channels": [8, 12], "upsample_strides": [1, 2], "out_channels": [4, 6]},
-        "bbox_head": {
-            "type": "Anchor3DHead",
-            "num_classes": 2,
-            "anchor_generator": {
-                "type": "AlignedAnchor3DRangeGenerator",
-                "ranges": [[0, -4.0, z, 8.0, 4.0, z] for z in BOTTOMS],
-                "sizes": SIZES,
-                "rotations": [0, 1.57],
-            },
-            "bbox_coder": {"type": "DeltaXYZWLHRBBoxCoder"},
-            "loss_cls": {"type": "mmdet.FocalLoss", "use_sigmoid": True},
-        },
-        "train_cfg": {"code_weight": 1.0},
-        "test_cfg": {"nms_pre": 100},
-    },
-}
+MMDET3D: dict[str, Any] = yaml.safe_load("""
+dataset_type: KittiDataset
+class_names: [Car, Pedestrian]
+model:
+  type: VoxelNet
+  data_preprocessor:
+    type: Det3DDataPreprocessor
+    voxel_layer:
+      {max_num_points: 4, point_cloud_range: &range [0.0, -4.0, -3.0, 8.0, 4.0, 1.0], voxel_size: &cell [0.5, 0.5, 4.0]}
+  voxel_encoder:
+    {type: PillarFeatureNet, in_channels: 4, feat_channels: [8, 8], voxel_size: *cell, point_cloud_range: *range}
+  middle_encoder: {type: PointPillarsScatter, in_channels: 8, output_shape: [16, 16]}
+  backbone: {type: SECOND, in_channels: 8, layer_nums: [1, 2], layer_strides: [2, 2], out_channels: [8, 12]}
+  neck: {type: SECONDFPN, in_channels: [8, 12], upsample_strides: [1, 2], out_channels: [4, 6]}
+  bbox_head:
+    type: Anchor3DHead
+    num_classes: 2
+    anchor_generator:
+      type: AlignedAnchor3DRangeGenerator
+      ranges: [[0, -4.0, -1.78, 8.0, 4.0, -1.78], [0, -4.0, -0.6, 8.0, 4.0, -0.6]]
+      sizes: [[3.9, 1.6, 1.56], [0.8, 0.6, 1.73]]
+      rotations: [0, 1.57]
+    bbox_coder: {type: DeltaXYZWLHRBBoxCoder}
+    loss_cls: {type: mmdet.FocalLoss, use_sigmoid: true}
+  train_cfg: {code_weight: 1.0}
+  test_cfg: {nms_pre: 100}
+""")
 MMDET3D_CENTERS = deepcopy(MMDET3D)
 _PTS = {f"pts_{key}": part for key, part in MMDET3D_CENTERS["model"].items() if isinstance(part, dict)}
 MMDET3D_CENTERS["model"] = {

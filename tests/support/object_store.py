@@ -1,16 +1,14 @@
-"""An S3 for tests: moto's server, a program of its own, behind a proxy that counts bytes and fails as stores do."""
+"""An S3 for tests: moto's application in a thread, which counts the bytes that it sends and fails as stores do."""
 
-import http.client
-import os
 import re
-import signal
-import subprocess
-import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
+from werkzeug.serving import WSGIRequestHandler, make_server
 
 
 @dataclass
@@ -23,7 +21,6 @@ class ObjectStore:
         refused: Pattern of requests (`PUT /bucket/key`) that get `status`.
         status: What they get.
         left: How many more of them do.
-        cut: Whether their connection is closed in the middle instead.
     """
 
     url: str = ""
@@ -31,84 +28,39 @@ class ObjectStore:
     refused: str = "$^"
     status: int = 503
     left: int = 0
-    cut: bool = False
 
-    def fail(self, requests: str, status: int = 503, *, times: int = 10**6, cut: bool = False) -> None:
+    def fail(self, requests: str, status: int = 503, *, times: int = 10**6) -> None:
         """Have requests fail that begin so."""
-        self.refused, self.status, self.left, self.cut = requests, status, times, cut
+        self.refused, self.status, self.left = requests, status, times
 
 
 @contextmanager
 def object_store() -> Iterator[ObjectStore]:
     """A store without buckets, as long as the block lasts."""
-    environment = os.environ | {"PYTHONUNBUFFERED": "1", "PYTHONPATH": ""}
-    program = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", "0"]
-    server = subprocess.Popen(program, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, env=environment)
-    assert server.stderr is not None
-    try:
-        port = next(int(found[1]) for line in server.stderr if (found := re.search(r"127\.0\.0\.1:(\d+)", line)))
-        threading.Thread(target=server.stderr.read, daemon=True).start()
-        with _proxy(port) as store:
-            yield store
-    finally:
-        server.send_signal(signal.SIGKILL)
-        server.wait()
-        server.stderr.close()
+    store, lock, moto = ObjectStore(), threading.Lock(), DomainDispatcherApplication(create_backend_app)
 
+    def application(request: dict[str, Any], start: Callable[..., Any]) -> list[bytes]:
+        path = request["PATH_INFO"]
+        with lock:
+            fails = store.left > 0 and re.match(store.refused, f"{request['REQUEST_METHOD']} {path}") is not None
+            store.left -= fails
+        if fails:
+            request["wsgi.input"].read(int(request.get("CONTENT_LENGTH") or 0))
+            start(f"{store.status} refused", [("Content-Length", "0")])
+            return [b""]
+        with closing(moto(request, start)) as parts:
+            content = b"".join(parts)
+        with lock:
+            store.sent[path] = store.sent.get(path, 0) + len(content)
+        return [content]
 
-@contextmanager
-def _proxy(port: int) -> Iterator[ObjectStore]:
-    store, lock = ObjectStore(), threading.Lock()
-
-    class Handler(BaseHTTPRequestHandler):
-        protocol_version = "HTTP/1.1"
-
-        def handle_any(self) -> None:
-            if self.headers.get("Expect", "").lower() == "100-continue":
-                pass  # the base class has answered it
-            size = int(self.headers.get("Content-Length") or 0)
-            with lock:
-                fails = store.left > 0 and re.match(store.refused, f"{self.command} {self.path}") is not None
-                store.left -= fails
-            if fails and store.cut:
-                self.rfile.read(size // 2)
-                self.close_connection = True
-                return
-            body = self.rfile.read(size)
-            if fails:
-                self.answer(store.status, {}, b"")
-                return
-            inner = http.client.HTTPConnection("127.0.0.1", port)
-            inner.request(self.command, self.path, body, dict(self.headers))
-            response = inner.getresponse()
-            content = response.read()
-            with lock:
-                path = self.path.partition("?")[0]
-                store.sent[path] = store.sent.get(path, 0) + len(content)
-            self.answer(response.status, dict(response.headers), content)
-            inner.close()
-
-        do_GET = do_HEAD = do_PUT = do_POST = do_DELETE = handle_any
-
-        def answer(self, status: int, headers: dict[str, str], content: bytes) -> None:
-            self.send_response_only(status)
-            skipped = {"connection", "transfer-encoding", "content-length"}
-            for name, value in headers.items():
-                if name.lower() not in skipped:
-                    self.send_header(name, value)
-            length = headers.get("Content-Length", "0") if self.command == "HEAD" else str(len(content))
-            self.send_header("Content-Length", length)
-            self.end_headers()
-            if self.command != "HEAD":
-                self.wfile.write(content)
-
-        def log_message(self, format: str, *args: object) -> None:
+    class Silent(WSGIRequestHandler):
+        def log(self, kind: str, message: str, *args: Any) -> None:
             """Nothing is printed."""
 
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    server.daemon_threads = True
-    store.url = f"http://127.0.0.1:{server.server_address[1]}"
-    thread = threading.Thread(target=server.serve_forever)
+    server = make_server("127.0.0.1", 0, application, threaded=True, request_handler=Silent)
+    store.url = f"http://127.0.0.1:{server.port}"
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
     thread.start()
     try:
         yield store

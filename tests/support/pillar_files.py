@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from onnx_files import FLOAT, _node, _tensor, _value, write_model
+from onnx_files import value, write_model
 
 from lidcam.pipeline.core.arrays import F32, F64
 from lidcam.pipeline.core.clouds import CombinedCloud
@@ -19,7 +19,6 @@ from lidcam.pipeline.detectors.pillars.grid import FEATURES, STRIDE, Grid
 from lidcam.pipeline.detectors.pillars.network import KEY
 
 GRID = Grid(cell_m=0.5, cells=64, low_m=0.2, high_m=4.0)
-INT64 = 7
 
 
 def numbers_of(centers: F64, sizes: F64, yaws: F64, log_odds: F64, rows: list[int], classes: int) -> F32:
@@ -42,12 +41,9 @@ def boxes_found(sensors: Rig, config: Config, cloud: CombinedCloud) -> Boxes3D:
 def write_pillars(path: Path, numbers: F32, found: list[dict[str, Any]], **said: object) -> Path:
     """Write a network with this output; `said` replaces parts of its metadata, or leaves it out (`metadata=None`)."""
     specs = {"classes": found, "grid": GRID.model_dump()} | said
-    nodes = [
-        _node("ReduceMean", ["features"], "mean", axes=[0, 1], keepdims=0),
-        _node("Sub", ["mean", "mean"], "nothing"),
-        _node("Add", ["numbers", "nothing"], "found"),
-    ]
-    inputs = [_value("features", ("points", len(FEATURES)), FLOAT), _value("pillar", ("points", 1), INT64)]
-    outputs = [_value("found", (1, *numbers.shape), FLOAT)]
-    metadata = {} if "metadata" in said else {KEY: json.dumps(specs)}
-    return write_model(path, nodes, [_tensor("numbers", numbers[None], FLOAT)], inputs, outputs, metadata=metadata)
+    inputs = [value("features", ("points", len(FEATURES))), value("pillar", ("points", 1), "int64")]
+    text = f"""({", ".join(inputs)}) => ({value("found", (1, *numbers.shape))}) {{
+        mean = ReduceMean <axes = [0, 1], keepdims = 0> (features) nothing = Sub (mean, mean)
+        found = Add (numbers, nothing)
+    }}"""
+    return write_model(path, text, {"numbers": numbers[None]}, {} if "metadata" in said else {KEY: json.dumps(specs)})

@@ -70,8 +70,31 @@ def range_server(files: dict[str, bytes] | None = None) -> Iterator[RangeServer]
     """A server on this machine, in a thread of its own."""
     state = RangeServer(files=dict(files or {}))
 
-    class Handler(_Handler):
-        server_state = state
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def handle_any(self) -> None:
+            status, content, headers = _answer(state, self)
+            self.send_response(status)
+            for name, value in ({"Content-Length": str(len(content))} | headers).items():
+                self.send_header(name, value)
+            self.end_headers()
+            body = content if self.command == "GET" else b""
+            if body and status in {200, 206} and state.drops:
+                state.drops -= 1
+                body = body[: len(body) // 2]
+                self.close_connection = True
+            asked, authorization = self.headers.get("Range", ""), self.headers.get("Authorization", "")
+            state.requests.append(Request(self.command, self.path, asked, authorization, status, len(body)))
+            try:
+                self.wfile.write(body)
+            except (BrokenPipeError, ConnectionResetError):  # the client has read enough
+                self.close_connection = True
+
+        do_GET = do_HEAD = handle_any
+
+        def log_message(self, format: str, *args: Any) -> None:
+            """Nothing on stderr."""
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
     state.url = f"http://127.0.0.1:{server.server_port}"
@@ -85,68 +108,32 @@ def range_server(files: dict[str, bytes] | None = None) -> Iterator[RangeServer]
         server.server_close()
 
 
-class _Handler(BaseHTTPRequestHandler):
-    protocol_version = "HTTP/1.1"
-    server_state: RangeServer
-
-    def do_HEAD(self) -> None:
-        self._answer(has_body=False)
-
-    def do_GET(self) -> None:
-        self._answer(has_body=True)
-
-    def log_message(self, format: str, *args: Any) -> None:
-        """Nothing on stderr."""
-
-    def _answer(self, *, has_body: bool) -> None:
-        state = self.server_state
-        path = urlsplit(self.path).path
-        content = state.files.get(path)
-        status = state.statuses.get(path, 200 if content is not None else 404)
-        if state.password and self.headers.get("Authorization") != f"Basic {state.password}":
-            status = 401
-        if not has_body and not state.answers_head:
-            status = 403
-        if target := state.redirects.get(path):
-            self._send(302, b"", {"Location": target}, has_body=has_body)
-            return
-        if has_body and state.failures:
-            state.failures -= 1
-            status = 503
-        if status != 200 or content is None:
-            self._send(status, b"no", {}, has_body=has_body)
-            return
-        etag = f'"{hash(content)}"'  # which an object of bytes keeps
-        known = {"Last-Modified": state.modified, "ETag": etag if state.has_etag else ""}
-        headers = {name: value for name, value in known.items() if value}
-        headers |= {"Accept-Ranges": "none"} if state.says_so else {}
-        unmodified_since = self.headers.get("If-Unmodified-Since", state.modified)
-        if self.headers.get("If-Match", etag) != etag or unmodified_since != state.modified:
-            self._send(412, b"", {}, has_body=has_body)
-            return
-        wanted = re.fullmatch(r"bytes=(\d+)-(\d+)", self.headers.get("Range", ""))
-        if wanted is None or not state.gives_ranges:
-            self._send(200, content, headers, has_body=has_body)
-            return
-        first, last = int(wanted[1]), min(int(wanted[2]), len(content) - 1)
-        headers["Content-Range"] = f"bytes {first}-{last}/{len(content)}"
-        part = content[first : last + 1] + bytes(max(state.too_many, 0))
-        self._send(206, part[: len(part) + min(state.too_many, 0)], headers, has_body=has_body)
-
-    def _send(self, status: int, content: bytes, headers: dict[str, str], *, has_body: bool) -> None:
-        state = self.server_state
-        self.send_response(status)
-        for name, value in ({"Content-Length": str(len(content))} | headers).items():
-            self.send_header(name, value)
-        self.end_headers()
-        body = content if has_body else b""
-        if body and status in {200, 206} and state.drops:
-            state.drops -= 1
-            body = body[: len(body) // 2]
-            self.close_connection = True
-        range_, authorization = self.headers.get("Range", ""), self.headers.get("Authorization", "")
-        state.requests.append(Request(self.command, self.path, range_, authorization, status, len(body)))
-        try:
-            self.wfile.write(body)
-        except (BrokenPipeError, ConnectionResetError):  # the client has read enough
-            self.close_connection = True
+def _answer(state: RangeServer, asked: BaseHTTPRequestHandler) -> tuple[int, bytes, dict[str, str]]:
+    """Status, content and further headers."""
+    path, is_get = urlsplit(asked.path).path, asked.command == "GET"
+    content, get = state.files.get(path), asked.headers.get
+    status = state.statuses.get(path, 200 if content is not None else 404)
+    if state.password and get("Authorization") != f"Basic {state.password}":
+        status = 401
+    if not is_get and not state.answers_head:
+        status = 403
+    if target := state.redirects.get(path):
+        return 302, b"", {"Location": target}
+    if is_get and state.failures:
+        state.failures -= 1
+        status = 503
+    if status != 200 or content is None:
+        return status, b"no", {}
+    etag = f'"{hash(content)}"'  # which an object of bytes keeps
+    known = {"Last-Modified": state.modified, "ETag": etag if state.has_etag else ""}
+    headers = {name: value for name, value in known.items() if value}
+    headers |= {"Accept-Ranges": "none"} if state.says_so else {}
+    if get("If-Match", etag) != etag or get("If-Unmodified-Since", state.modified) != state.modified:
+        return 412, b"", {}
+    wanted = re.fullmatch(r"bytes=(\d+)-(\d+)", get("Range", ""))
+    if wanted is None or not state.gives_ranges:
+        return 200, content, headers
+    first, last = int(wanted[1]), min(int(wanted[2]), len(content) - 1)
+    headers["Content-Range"] = f"bytes {first}-{last}/{len(content)}"
+    part = content[first : last + 1] + bytes(max(state.too_many, 0))
+    return 206, part[: len(part) + min(state.too_many, 0)], headers

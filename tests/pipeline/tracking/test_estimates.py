@@ -5,6 +5,7 @@ import pytest
 from tracked_scenes import CAR, PERIOD_S, PRIORS, START_NS, Mover, Place, scene, straight
 
 from lidcam.pipeline.tracking.estimates import History, estimated, renumbered
+from lidcam.pipeline.tracking.joining import joined_in_place
 from lidcam.pipeline.tracking.motion import HEADING, TURN
 from lidcam.pipeline.tracking.sightings import FrameSightings, Scene
 
@@ -74,6 +75,13 @@ def test_tracks_are_ordered_by_their_first_sighting() -> None:
     assert found.motions.states[found.courses.starts[:-1], 0] == pytest.approx([0, 9], abs=0.3)
     assert found.labels(8).tolist() == [0, 1] * 4
     assert whole.stamps_ns[0] == START_NS
+
+
+@pytest.mark.parametrize(("beside_m", "joined"), [(0.3, [0, 0]), (1.7, [0, 1])])
+def test_tracks_on_the_same_ground_are_one(beside_m: float, joined: list[int]) -> None:
+    movers = [Mover(straight(0, y, 0, 0.5)) for y in (0.0, beside_m)]
+    found = estimated(Scene.of(scene(movers, 20)), np.tile([0, 1], 20), PRIORS)
+    assert joined_in_place(found).tolist() == joined
 
 
 @pytest.mark.parametrize(

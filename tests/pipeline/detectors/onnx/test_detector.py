@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from onnx_files import DOUBLE, write_yolox
-from onnx_networks import write_network
+from onnx_files import write_network, write_yolox
 
 from lidcam.pipeline.core.arrays import U8, Array
 from lidcam.pipeline.core.errors import ModelError
@@ -115,7 +114,7 @@ def for_task(task: str) -> Callable[[Path], object]:
         (network(raw_rows(), channel_weights=[1.0]), "found images (1, 1, 64, 96)"),
         (network(raw_rows(), size_px=(60, 96)), "found output0 (1, 126, 85) for 96 x 60 px"),
         (network(raw_rows(), outputs=2), "output1 (1, 126, 85)"),
-        (network(raw_rows(), dtype=DOUBLE), "tensor(double)"),
+        (network(raw_rows(), kind="float64"), "tensor(double)"),
         (for_task("segment"), "expected a network for detection, found one for the task 'segment'"),
         (for_task("x" * 5000), "expected a network for detection, found one for the task 'xxx"),
     ],

@@ -6,8 +6,7 @@ import numpy as np
 import onnx
 import pytest
 from onnx.external_data_helper import set_external_data
-from onnx_files import write_yolox
-from onnx_networks import Shape, write_convolutional, write_network
+from onnx_files import Shape, write_convolutional, write_network, write_yolox
 
 from lidcam.pipeline.core.arrays import Array
 from lidcam.pipeline.core.errors import ModelError

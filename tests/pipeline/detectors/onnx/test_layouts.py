@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from onnx_files import FLOAT16
-from onnx_networks import write_convolutional, write_network
+from onnx_files import write_convolutional, write_network
 
 from lidcam.pipeline.core.arrays import U8, Array
 from lidcam.pipeline.core.errors import ModelError
@@ -21,124 +20,93 @@ CELLS = 8 * 12 + 4 * 6 + 2 * 3
 RNG = np.random.default_rng(7)
 NAMES = "{0: 'car', 1: \"driver's mate\", 2: 'dog', 3: 'tram'}"
 
-Row = tuple[float, float, float, float, float, int]
-Read = Callable[[Mapping[str, Array], int], Row | None]
+PX = np.array([96, 64, 96, 64])
 
 
 class Case(NamedTuple):
-    """A network, and a direct reading of one row as xyxy in pixels of the input, score, class; None for no object."""
+    """A network, and a direct reading of it as xyxy in pixels of the input, scores and classes of all objects."""
 
     layout: str
     outputs: Mapping[str, Array]
-    read: Read
-    placement: str = "center"
+    read: Callable[[Mapping[str, Array]], tuple[Array, Array, Array]]
+    placement: str = "stretched"
     scaled: tuple[str, ...] = ()
 
 
-def boxes(count: int) -> Array:
-    """Centre and size in pixels of the input."""
-    return np.concatenate([RNG.uniform(0, 96, (count, 2)), RNG.uniform(1, 60, (count, 2))], 1)
-
-
-def xyxy(count: int) -> Array:
-    corner = RNG.uniform(0, 60, (count, 2))
-    return np.concatenate([corner, corner + RNG.uniform(1, 40, (count, 2))], 1)
+def boxes(count: int, most: float = 96.0) -> Array:
+    """Centre and size in pixels of the input, or in shares of it."""
+    return np.concatenate([RNG.uniform(0, most, (count, 2)), RNG.uniform(most / 96, most / 2, (count, 2))], 1)
 
 
 def scores(count: int, columns: int) -> Array:
-    return RNG.uniform(0, 1, (count, columns))
-
-
-def from_center(cx: float, cy: float, w: float, h: float) -> tuple[float, float, float, float]:
-    return cx - w / 2, cy - h / 2, cx + w / 2, cy + h / 2
-
-
-def largest(values: Any) -> tuple[float, int]:
-    best = max(range(len(values)), key=lambda c: float(values[c]))
-    return float(values[best]), best
-
-
-def with_objectness(outputs: Mapping[str, Array], row: int) -> Row:
-    cx, cy, w, h, objectness, *classes = outputs["output0"][row].tolist()
-    score, label = largest(classes)
-    return (*from_center(cx, cy, w, h), objectness * score, label)
-
-
-def of_columns(outputs: Mapping[str, Array], row: int) -> Row:
-    cx, cy, w, h, *classes = outputs["output0"][:, row].tolist()
-    return (*from_center(cx, cy, w, h), *largest(classes))
-
-
-def listed(outputs: Mapping[str, Array], row: int) -> Row | None:
-    left, top, right, bottom, score, label = outputs["output0"][row].tolist()
-    return (left, top, right, bottom, score, int(label)) if score > 0 else None
-
-
-def in_shares(outputs: Mapping[str, Array], row: int) -> Row:
-    cx, cy, w, h, *classes = outputs["output0"][row].tolist()
-    return (*from_center(cx * 96, cy * 64, w * 96, h * 64), *largest(classes))
-
-
-def listed_in_shares(outputs: Mapping[str, Array], row: int) -> Row:
-    cx, cy, w, h, score, label = outputs["output0"][row].tolist()
-    return (*from_center(cx * 96, cy * 64, w * 96, h * 64), score, int(label))
-
-
-def of_logits(outputs: Mapping[str, Array], row: int) -> Row:
-    box = next(array for name, array in outputs.items() if array.shape[1] == 4 and ("box" in name or name == "dets"))
-    logits = next(array for array in outputs.values() if array is not box)
-    cx, cy, w, h = box[row].tolist()
-    score, label = largest(logits[row])
-    return (*from_center(cx * 96, cy * 64, w * 96, h * 64), 1 / (1 + math.exp(-score)), label)
-
-
-def sized(outputs: Mapping[str, Array], row: int) -> Row:
-    left, top, right, bottom = outputs["boxes"][row].tolist()
-    return (left * 96, top * 64, right * 96, bottom * 64, float(outputs["scores"][row]), int(outputs["labels"][row]))
+    return RNG.uniform(0.01, 1, (count, columns))
 
 
 def f32(*parts: Array) -> Array:
     return np.concatenate(parts, 1).astype(np.float32)
 
 
-def shares(count: int) -> Array:
-    return np.concatenate([RNG.uniform(0, 1, (count, 2)), RNG.uniform(0.01, 0.5, (count, 2))], 1)
+def around(rows: Array) -> Array:
+    """xyxy of centre and size."""
+    return np.concatenate([rows[:, :2] - rows[:, 2:4] / 2, rows[:, :2] + rows[:, 2:4] / 2], 1)
 
 
+def largest(xyxy: Array, of_classes: Array) -> tuple[Array, Array, Array]:
+    return xyxy, of_classes.max(1), of_classes.argmax(1)
+
+
+def with_objectness(outputs: Mapping[str, Array]) -> tuple[Array, Array, Array]:
+    rows = outputs["output0"]
+    return largest(around(rows), rows[:, 4:5] * rows[:, 5:])
+
+
+def of_logits(boxes: str, logits: str) -> Callable[[Mapping[str, Array]], tuple[Array, Array, Array]]:
+    return lambda outputs: largest(around(outputs[boxes]) * PX, 1 / (1 + np.exp(-outputs[logits].astype(np.float64))))
+
+
+def listed(outputs: Mapping[str, Array]) -> tuple[Array, Array, Array]:
+    rows = outputs["output0"]
+    return rows[:, :4], rows[:, 4], rows[:, 5]
+
+
+NUMBERED = RNG.integers(0, 4, (50, 1))
 CASES = {
     "YOLOX": Case("yolox", {"output0": f32(boxes(CELLS), scores(CELLS, 5))}, with_objectness, "top_left"),
-    "YOLOv5": Case("yolov5", {"output0": f32(boxes(3 * CELLS), scores(3 * CELLS, 5))}, with_objectness),
-    "YOLOv8": Case("yolov8", {"output0": f32(boxes(CELLS), scores(CELLS, 4)).T.copy()}, of_columns),
+    "YOLOv5": Case("yolov5", {"output0": f32(boxes(3 * CELLS), scores(3 * CELLS, 5))}, with_objectness, "center"),
+    "YOLOv8": Case(
+        "yolov8",
+        {"output0": f32(boxes(CELLS), scores(CELLS, 4)).T.copy()},
+        lambda outputs: largest(around(outputs["output0"].T), outputs["output0"].T[:, 4:]),
+        "center",
+    ),
     "end to end": Case(
         "end_to_end",
-        {"output0": f32(xyxy(50), RNG.permutation(np.linspace(0, 1, 50))[:, None], RNG.integers(0, 4, (50, 1)))},
+        {"output0": f32(around(boxes(50)) + 60, RNG.permutation(scores(50, 1)), NUMBERED)},
         listed,
+        "center",
     ),
-    "RT-DETR of Ultralytics": Case("rtdetr", {"output0": f32(shares(40), scores(40, 4))}, in_shares, "stretched"),
+    "RT-DETR of Ultralytics": Case(
+        "rtdetr",
+        {"output0": f32(boxes(40, 1.0), scores(40, 4))},
+        lambda outputs: largest(around(outputs["output0"]) * PX, outputs["output0"][:, 4:]),
+    ),
     "RT-DETR of Ultralytics, listed": Case(
         "rtdetr",
-        {"output0": f32(shares(40), RNG.uniform(0.01, 1, (40, 1)), RNG.integers(0, 4, (40, 1)))},
-        listed_in_shares,
-        "stretched",
+        {"output0": f32(boxes(50, 1.0), scores(50, 1), NUMBERED)},
+        lambda outputs: (around(outputs["output0"]) * PX, *listed(outputs)[1:]),
     ),
     "RT-DETR of Transformers": Case(
         "detr",
-        {"logits": f32(RNG.normal(-3, 3, (40, 4))), "pred_boxes": f32(shares(40))},
-        of_logits,
-        "stretched",
+        {"logits": f32(RNG.normal(-3, 3, (40, 4))), "pred_boxes": f32(boxes(40, 1.0))},
+        of_logits("pred_boxes", "logits"),
     ),
     "RF-DETR": Case(
-        "detr", {"dets": f32(shares(40)), "labels": f32(RNG.normal(0, 3, (40, 4)))}, of_logits, "stretched"
+        "detr", {"dets": f32(boxes(40, 1.0)), "labels": f32(RNG.normal(0, 3, (40, 4)))}, of_logits("dets", "labels")
     ),
     "D-FINE": Case(
         "dfine",
-        {
-            "labels": RNG.integers(0, 4, 40),
-            "boxes": f32(shares(40)),
-            "scores": RNG.uniform(0.01, 1, 40).astype(np.float32),
-        },
-        sized,
-        "stretched",
+        {"labels": NUMBERED[:, 0], "boxes": f32(around(boxes(50, 1.0))), "scores": f32(scores(50, 1))[:, 0]},
+        lambda outputs: (outputs["boxes"] * PX, outputs["scores"], outputs["labels"]),
         scaled=("boxes",),
     ),
 }
@@ -156,17 +124,11 @@ def placed(case: Case, image_px: tuple[int, int]) -> tuple[float, float, float, 
     return columns / width, rows / height, round((96 - columns) / 2 - 0.1), round((64 - rows) / 2 - 0.1)
 
 
-def read_directly(case: Case, image_px: tuple[int, int]) -> tuple[Array, Array, list[int]]:
+def read_directly(case: Case, image_px: tuple[int, int]) -> tuple[Array, Array, Array]:
     """Boxes in pixels of the image, scores and classes of all objects."""
-    scale_x, scale_y, left_px, top_px = placed(case, image_px)
-    first = next(iter(case.outputs.values()))
-    count = first.shape[1] if case.layout == "yolov8" else len(first)
-    rows = [found for row in range(count) if (found := case.read(case.outputs, row)) is not None]
-    corners = [
-        ((x0 - left_px) / scale_x, (y0 - top_px) / scale_y, (x1 - left_px) / scale_x, (y1 - top_px) / scale_y)
-        for x0, y0, x1, y1, *_ in rows
-    ]
-    return np.array(corners), np.array([row[4] for row in rows]), [row[5] for row in rows]
+    xyxy, found, labels = case.read({name: array.astype(np.float64) for name, array in case.outputs.items()})
+    *scale, left_px, top_px = placed(case, image_px)
+    return (xyxy - [left_px, top_px] * 2) / (scale * 2), found, labels
 
 
 def load(path: Path, **settings: object) -> OnnxDetector2D:
@@ -194,7 +156,7 @@ def test_every_layout_is_read_as_directly(tmp_path: Path, case: Case) -> None:
         scale = min(placed(case, image_px)[:2])
         np.testing.assert_allclose(found.xyxy * scale, expected_xyxy * scale, atol=1e-3)
         np.testing.assert_allclose(found.scores, expected_scores, atol=1e-6)
-        assert found.labels.tolist() == expected_labels
+        assert found.labels.tolist() == expected_labels.tolist()
         assert found.xyxy.dtype == found.scores.dtype == np.float32
         assert found.labels.dtype == np.int64
     (some,) = load(path, input=(96, 64), min_score=0.5)([image(375, 1242)])
@@ -206,7 +168,7 @@ def test_every_layout_is_read_as_directly(tmp_path: Path, case: Case) -> None:
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_half_precision(tmp_path: Path, case: Case) -> None:
     halved = {name: a if a.dtype == np.int64 else a.astype(np.float16) for name, a in case.outputs.items()}
-    (found,) = load(written(tmp_path, halved, dtype=FLOAT16, scaled=case.scaled))([image(*SIZE_PX)])
+    (found,) = load(written(tmp_path, halved, kind="float16", scaled=case.scaled))([image(*SIZE_PX)])
     expected_xyxy, expected_scores, _ = read_directly(case, SIZE_PX)
     np.testing.assert_allclose(found.xyxy, expected_xyxy, atol=0.2)
     np.testing.assert_allclose(found.scores, expected_scores, atol=2e-3)
@@ -255,9 +217,9 @@ def test_a_convolutional_network_sees_a_larger_image_as_it_is(tmp_path: Path, si
                 if values[4] < 0:
                     continue
                 cx, cy = left + values[0] * stride, top + values[1] * stride
-                corners.append(from_center(cx, cy, math.exp(values[2]) * stride, math.exp(values[3]) * stride))
+                corners.append((cx, cy, math.exp(values[2]) * stride, math.exp(values[3]) * stride))
                 best.append(values[4] * max(values[5:]))
-    np.testing.assert_allclose(found.xyxy, corners, atol=1e-3)
+    np.testing.assert_allclose(found.xyxy, around(np.array(corners)), atol=1e-3)
     np.testing.assert_allclose(found.scores, best, atol=1e-4)
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from onnx_files import FLOAT, _node, _tensor, _value, write_model, write_yolox
+from onnx_files import value, write_model, write_yolox
 
 from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.core.settings.detect import Detect2DConfig
@@ -25,18 +25,13 @@ def said_of(path: Path, **settings: object) -> str:
 
 
 def test_the_memory_of_a_network_is_bounded(tmp_path: Path) -> None:
-    nodes = [
-        _node("ReduceMean", ["images"], "mean", axes=[1, 2, 3], keepdims=0),
-        _node("ConstantOfShape", ["shape"], "huge"),  # 5 GiB
-        _node("ReduceMean", ["huge"], "point", keepdims=0),
-        _node("Add", ["mean", "point"], "sum"),
-        _node("Unsqueeze", ["sum"], "column", axes=[1, 2]),
-        _node("Add", ["column", "bias"], "output0"),
-    ]
-    constants = [_tensor("bias", BIAS[None], FLOAT)]
-    constants.append(_tensor("shape", np.array([1 << 14, 1 << 14, 5], np.int64), 7))
-    images, output = _value("images", (1, 3, *SIZE_PX), FLOAT), _value("output0", (1, *BIAS.shape), FLOAT)
-    said = said_of(write_model(tmp_path / "a.onnx", nodes, constants, [images], [output]))
+    text = f"""({value("images", (1, 3, *SIZE_PX))}) => ({value("output0", (1, *BIAS.shape))}) {{
+        mean = ReduceMean <axes = [1, 2, 3], keepdims = 0> (images)
+        huge = ConstantOfShape (shape) point = ReduceMean <keepdims = 0> (huge)
+        sum = Add (mean, point) column = Unsqueeze <axes = [1, 2]> (sum) output0 = Add (column, bias)
+    }}"""
+    constants = {"bias": BIAS[None], "shape": np.array([1 << 14, 1 << 14, 5])}  # 5 GiB
+    said = said_of(write_model(tmp_path / "a.onnx", text, constants))
     assert "the network fails on a batch of 1: " in said
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from lidar_scene import Box, combined, rig, scan, turned
-from onnx_files import FLOAT, _node, _tensor, _value, write_model
+from onnx_files import value, write_model
 from pillar_files import boxes_found
 
 from lidcam.pipeline.core.clouds import CombinedCloud, Plane
@@ -34,21 +34,14 @@ SPECS: dict[str, Any] = {
 
 def write(path: Path, boxes: list[list[float]], odds: list[list[float]], **said: object) -> Path:
     """A network that gives these rows of numbers, whatever its input."""
-    arrays = {"boxes": np.array(boxes, np.float32), "log_odds": np.array(odds, np.float32)}
-    nodes = [
-        _node("ReduceMean", ["features"], "mean"),
-        _node("Sub", ["mean", "mean"], "zero"),
-        *(_node("Add", [f"held.{name}", "zero"], name) for name in arrays),
-    ]
-    features = len(SPECS["features"])
-    return write_model(
-        path,
-        nodes,
-        [_tensor(f"held.{name}", one, FLOAT) for name, one in arrays.items()],
-        [_value("features", ("points", features), FLOAT), _value("pillar", ("points", 1), 7)],
-        [_value(name, one.shape, FLOAT) for name, one in arrays.items()],
-        metadata={KEY: json.dumps(SPECS | said)},
-    )
+    held = {"boxes": np.array(boxes, np.float32), "log_odds": np.array(odds, np.float32)}
+    inputs = [value("features", ("points", len(SPECS["features"]))), value("pillar", ("points", 1), "int64")]
+    text = f"""({", ".join(inputs)}) => ({", ".join(value(name, one.shape) for name, one in held.items())}) {{
+        mean = ReduceMean (features) zero = Sub (mean, mean)
+        boxes = Add (held_boxes, zero) log_odds = Add (held_log_odds, zero)
+    }}"""
+    constants = {f"held_{name}": one for name, one in held.items()}
+    return write_model(path, text, constants, {KEY: json.dumps(SPECS | said)})
 
 
 def detect(path: Path, lidar_xy: tuple[float, float] = (0.0, 0.0)) -> Callable[[CombinedCloud], Boxes3D]:

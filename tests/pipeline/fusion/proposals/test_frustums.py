@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from seen_boxes import camera_at, views_of
 
 from lidcam.pipeline.core.arrays import F64
-from lidcam.pipeline.core.settings.detect import ClusterConfig
 from lidcam.pipeline.fusion.cameras.sightings import Sightings, see
 from lidcam.pipeline.fusion.proposals.frustums import (
     SIDE_MARGIN,
@@ -70,9 +69,6 @@ def test_bent_sides_are_within_the_frustum() -> None:
         rays[:, :2] += (grid[0] - lens.model.project(rays)[0]) / 900
     found = inside(lens.T_camera_site.inverse().apply(15 * rays), sightings)
     assert len(found) == 400
-
-
-CONFIG = ClusterConfig()
 
 
 def wall(x: float, *, low: float, high: float, count: int = 40, top: float = 1.5) -> F64:

@@ -1,26 +1,27 @@
-"""The kinds of a lidar's data: the same objects from clouds in every form; an Ouster's packets in every container."""
+"""The same objects from a recording in every form; an Ouster's packets in every container."""
 
-import gzip
 import json
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import zstandard
-from builders import in_order, raw, write_mcap, write_rosbag1
+from builders import image, in_order, raw, write_mcap, write_rosbag1
 from captures import fragments, ip_packet, pcap
+from combined_messages import CAMERAS, CLOUDS, combined
 from command import Lidcam
 from helpers import CLUSTERS
 from ouster_packets import START_NS, TURN_NS, drive, frame, metadata, needs_sdk, packets
-from results import fused_objects, messages_of
+from results import fused_objects, messages_of, topics_of
 
 from lidcam.pipeline.core.arrays import Array
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 
-COMPRESSED = "point_cloud_interfaces/msg/CompressedPointCloud2"
+Sensors = dict[str, list[RawMessage]]
 
 
 def in_form(form: str, message: RawMessage) -> RawMessage:
@@ -39,24 +40,46 @@ def in_form(form: str, message: RawMessage) -> RawMessage:
     else:
         names = ("header", "height", "width", "fields", "is_bigendian", "point_step", "row_step", "is_dense")
         data = cloud.data.tobytes()
-        packed = np.frombuffer(gzip.compress(data) if form == "zlib" else zstandard.compress(data), np.uint8)
-        msgtype = COMPRESSED
+        packed = np.frombuffer(zstandard.compress(data), np.uint8)
+        msgtype = "point_cloud_interfaces/msg/CompressedPointCloud2"
         fields = {**{name: getattr(cloud, name) for name in names}, "format": form, "compressed_data": packed}
     return raw(message.topic, msgtype, fields, message.stamp_ns, message.log_time_ns, message.channel.encoding)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("form", ["PointCloud", "zlib", "zstd"])
-def test_objects_are_the_same_from_clouds_in_every_form(
-    form: str, first_messages: dict[str, list[RawMessage]], first_result: Path, lidcam: Lidcam, tmp_path: Path
+def decompressed(message: RawMessage) -> RawMessage:
+    """The Image that the predecessor's combined messages hold."""
+    shown: Any = deserialize(message)
+    pixels = np.asarray(cv2.imdecode(shown.data, cv2.IMREAD_COLOR), np.uint8)
+    fields = image(pixels, stamp_ns=message.stamp_ns, frame_id=shown.header.frame_id, encoding="bgr8")
+    return raw(message.topic, "sensor_msgs/msg/Image", fields, message.stamp_ns, message.log_time_ns, "ros1")
+
+
+def in_lists(messages: Sensors) -> list[RawMessage]:
+    """As the predecessor's listeners combine them; stamps and log times are those of combining."""
+    clouds = [topic for topic in messages if topic.endswith("_points")]
+    images = [topic for topic in messages if topic.startswith("/image_raw")]
+    made = [one for topic, all_ in messages.items() if topic not in {*clouds, *images} for one in all_]
+    for topic, kind, topics in (("/pointcloud_list", CLOUDS, clouds), ("/camera_msgs_combined", CAMERAS, images)):
+        for parts in zip(*(messages[one] for one in topics), strict=True):
+            held = parts if kind == CLOUDS else [*map(decompressed, parts)]
+            made.append(combined(topic, kind, held, max(one.log_time_ns for one in parts) + 8_000_000, "ros1"))
+    return in_order(made)
+
+
+@pytest.mark.parametrize("form", ["PointCloud", "zstd", "lists"])
+def test_objects_are_the_same_from_every_form(
+    form: str, first_messages: Sensors, first_result: Path, lidcam: Lidcam, tmp_path: Path
 ) -> None:
     changed = {
         topic: [in_form(form, one) if one.channel.msgtype == "sensor_msgs/msg/PointCloud2" else one for one in messages]
         for topic, messages in first_messages.items()
+        if form != "lists"
     }
-    write_rosbag1(tmp_path / "in.bag", in_order(*changed.values()))
+    write_rosbag1(tmp_path / "in.bag", in_order(*changed.values()) if changed else in_lists(first_messages), "lz4")
     run = lidcam("process", tmp_path / "in.bag", tmp_path / "out.mcap", "--config", "sandbox", "--set", CLUSTERS)
     assert run.code == 0, run.err
     assert fused_objects(tmp_path / "out.mcap") == fused_objects(first_result)
+    assert form != "lists" or topics_of(tmp_path / "out.mcap")["/cam1/image"][0] == "sensor_msgs/msg/Image"
 
 
 @needs_sdk
