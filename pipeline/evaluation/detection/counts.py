@@ -1,7 +1,6 @@
 """Counts, precision and recall, of all that is reported and by score, and calibration of scores.
 
-Calibration: Guo et al., On calibration of modern neural networks, ICML 2017, section 2; Brier, Verification of
-forecasts expressed in terms of probability, 1950.
+Calibration: Guo et al., On calibration of modern neural networks, ICML 2017, section 2.
 """
 
 import numpy as np
@@ -70,7 +69,7 @@ def threshold_figures(curve: Curve) -> Figures:
 
 
 def calibration_figures(scores: F32, is_right: Bools) -> Figures:
-    """Reliability of scores (N,) in [0, 1] in ten bins, and calibration errors; `is_right` (N,): shows an object."""
+    """Reliability of scores (N,) in [0, 1] in ten bins, and the calibration error; `is_right` (N,): shows an object."""
     exact = scores.astype(np.float64)
     bins = np.clip((exact * _BINS).astype(np.intp), 0, _BINS - 1)
     counts = np.bincount(bins, minlength=_BINS)
@@ -80,8 +79,6 @@ def calibration_figures(scores: F32, is_right: Bools) -> Figures:
     gaps = np.abs(means - shares)[counts > 0]
     return {
         "ece": float(np.average(gaps, weights=counts[counts > 0])) if len(scores) else None,
-        "mce": float(gaps.max()) if len(scores) else None,
-        "brier": float(np.mean((exact - is_right) ** 2)) if len(scores) else None,
         "reliability": [
             {
                 "from": row / _BINS,
