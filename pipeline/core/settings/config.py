@@ -49,6 +49,7 @@ class Config(SettingsModel):
     GONE: ClassVar[Mapping[str, str]] = {
         "velodyne.topics": "velodyne.model and velodyne.calibration hold for all lidars",
         "topics.last_resort": "now a constant: /point_cloud_combined and /ground_cloud",
+        "sync.policy": "now always approximate_time; other topics join nearest to one in sync.required",
         "sync.age_penalty": _constant(0.1),
         "combine.motion.max_extrapolation_s": _constant(0.2),
         "combine.motion.max_gap_s": _constant(1.0),
