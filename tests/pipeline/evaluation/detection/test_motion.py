@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from evaluation_frames import frame_of, source_boxes, truth_boxes
 from evaluation_scenes import evaluated
-from scipy.stats import chi2, multivariate_normal
+from scipy.stats import multivariate_normal
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
-from lidcam.pipeline.evaluation.detection.errors import CHI2_95
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Motion, SourceBoxes
 
 SIZE_M = (4.0, 1.7, 1.5)
@@ -33,10 +32,6 @@ def moving(source: SourceBoxes, velocity: Any, yaw_rate: Any = 0.0, predicted: A
     n = len(source)
     rows = np.tile(np.array(velocity, np.float64), (n, 1)), np.full(n, float(yaw_rate)), np.full(n, predicted)
     return replace(source, motion=Motion(*rows))
-
-
-def test_the_limit_is_that_of_chi_square() -> None:
-    assert pytest.approx(chi2.ppf(0.95, 2), rel=1e-12) == CHI2_95
 
 
 def test_errors_drawn_from_their_covariance_are_normalised() -> None:

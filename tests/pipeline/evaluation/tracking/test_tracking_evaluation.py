@@ -77,14 +77,6 @@ def test_a_perfect_track() -> None:
     assert figures["match_distance_m"] == 2
 
 
-def test_a_class_without_objects_has_figures_that_are_not_defined() -> None:
-    figures = fused(followed(), name="bus")
-    assert figures["match_distance_m"] == pytest.approx(2 * 11.5 / 4)
-    undefined = {name for name, value in figures.items() if value is None}
-    assert {"hota", "loc_a", "mota", "motp_m", "idf1", "recall", "false_track_s_mean"} <= undefined
-    assert figures["misses"] == figures["false_positives"] == figures["truth_tracks"] == 0
-
-
 def test_flips_are_turns_that_the_object_does_not_make() -> None:
     assert errors(fused(followed(4, yaws=(0, pi, 0, 0)))) == {"heading_flips": 2}
     assert errors(fused(followed(4, yaws=(0, 1.5, 3.0, pi)))) == {}
