@@ -9,33 +9,12 @@ from lidcam.pipeline.core.arrays import F32, Bools
 from lidcam.pipeline.evaluation.detection.curves import Curve, ratio
 from lidcam.pipeline.evaluation.evaluation_frame import Figures
 
-_PRECISIONS = (0.5, 0.8, 0.9)
 _BINS = 10
 
 
 def f1(right: int, false: int, truth: int) -> float | None:
     """Harmonic mean of precision and recall; None without true objects."""
     return ratio(2 * right, truth + right + false) if truth else None
-
-
-def best_row(curve: Curve) -> int | None:
-    """Row of the highest F1, of equals the one with the highest score; None where nothing is right."""
-    if not len(curve) or not curve.truth or not curve.right[-1]:
-        return None
-    return int(np.argmax(2 * curve.right / (curve.truth + curve.right + curve.false)))
-
-
-def operating_point(curve: Curve, row: int | None) -> dict[str, float | None]:
-    """Score, precision, recall and F1 if the score of a row of the curve is the threshold."""
-    if row is None:
-        return dict.fromkeys(("score", "precision", "recall", "f1"))
-    right, false = int(curve.right[row]), int(curve.false[row])
-    return {
-        "score": float(curve.scores[row]),
-        "precision": ratio(right, right + false),
-        "recall": ratio(right, curve.truth),
-        "f1": f1(right, false, curve.truth),
-    }
 
 
 def count_figures(curve: Curve, ignored: int, truth_ignored: int) -> dict[str, float | int | None]:
@@ -56,16 +35,6 @@ def count_figures(curve: Curve, ignored: int, truth_ignored: int) -> dict[str, f
         "recall": ratio(right, curve.truth),
         "f1": f1(right, false, curve.truth),
     }
-
-
-def threshold_figures(curve: Curve) -> Figures:
-    """Scores to choose a threshold from: that of the best F1, and the lowest that gives each of some precisions."""
-    figures: dict[str, Figures] = {"best_f1": operating_point(curve, best_row(curve))}
-    for precision in _PRECISIONS:
-        reached = np.flatnonzero(curve.precision >= precision)
-        row = int(reached[-1]) if len(reached) and curve.truth else None
-        figures[f"precision_{100 * precision:.0f}"] = operating_point(curve, row)
-    return figures
 
 
 def calibration_figures(scores: F32, is_right: Bools) -> Figures:

@@ -18,7 +18,7 @@ from lidcam.pipeline.evaluation.detection.averages import (
 )
 from lidcam.pipeline.evaluation.detection.counts import calibration_figures, count_figures
 from lidcam.pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
-from lidcam.pipeline.evaluation.detection.curves import Curve, curve_of, ratio
+from lidcam.pipeline.evaluation.detection.curves import curve_of, ratio
 from lidcam.pipeline.evaluation.detection.errors import (
     Column,
     bird_eye_m,
@@ -121,11 +121,6 @@ class Source:
     def is_evaluated(self, class_id: int | None) -> Bools:
         """(T,) which true objects of a class are evaluated."""
         return self.site.truth.is_evaluated & _is_of(self.class_ids, class_id)
-
-    def curve(self, class_id: int | None) -> Curve:
-        """The curve by position of a class."""
-        detections = self.scored(class_id, self.site.criteria.position_column)
-        return curve_of(detections.scores, detections.is_right, int(self.is_evaluated(class_id).sum()))
 
     def figures(self) -> Mapping[str, Figures]:
         """All figures, by class."""

@@ -1,4 +1,4 @@
-"""Courses of tracks over time: which are false, which objects have none, and how often they turn around.
+"""Courses of tracks over time: which are false, and how often they turn around.
 
 A track is false if more than half of its boxes match no object.
 """
@@ -19,9 +19,9 @@ from lidcam.pipeline.evaluation.tracking.table import TrackTable
 class Courses:
     """Tracks of one or all classes."""
 
+    truth_tracks: int  # Number of true tracks
     durations_s: F64  # (H,) float64, from the first box of each track found to its last
     is_false: Bools  # (H,) bool, whether it is false
-    is_matched: Bools  # (T,) bool, whether a true track is ever matched
     heading_flips: int  # Turns of more than 90 degrees that an object did not make
 
 
@@ -30,31 +30,32 @@ def follow(table: TrackTable, matches: Matches) -> Courses:
     found = table.found
     first = np.unique(found.tracks, return_index=True)[1]
     last = len(found) - 1 - np.unique(found.tracks[::-1], return_index=True)[1]  # frames rise
-    is_matched = np.zeros(table.truth.track_count, np.bool_)
-    is_matched[table.truth.tracks[table.pairs.truth[matches.pairs]]] = True
     boxes = np.bincount(found.tracks)
     matched = np.bincount(found.tracks[table.pairs.found[matches.pairs]], minlength=len(boxes))
     return Courses(
+        truth_tracks=table.truth.track_count,
         durations_s=(table.stamps_ns[found.frames[last]] - table.stamps_ns[found.frames[first]]) / 1e9,
         is_false=2 * matched < boxes,
-        is_matched=is_matched,
         heading_flips=_flips(table, matches),
     )
 
 
 def total_courses(parts: Sequence[Courses]) -> Courses:
     """The tracks of all classes together."""
-    return replace(join_rows(*parts), heading_flips=sum(part.heading_flips for part in parts))
+    return replace(
+        join_rows(*parts),
+        truth_tracks=sum(part.truth_tracks for part in parts),
+        heading_flips=sum(part.heading_flips for part in parts),
+    )
 
 
 def course_figures(courses: Courses) -> dict[str, float | int | None]:
     """Figures of the tracks; None where there are none."""
     return {
-        "truth_tracks": len(courses.is_matched),
+        "truth_tracks": courses.truth_tracks,
         "found_tracks": len(courses.durations_s),
         "false_tracks": int(courses.is_false.sum()),
         "false_track_s_mean": float(courses.durations_s[courses.is_false].mean()) if courses.is_false.any() else None,
-        "never_matched": int((~courses.is_matched).sum()),
         "heading_flips": courses.heading_flips,
     }
 

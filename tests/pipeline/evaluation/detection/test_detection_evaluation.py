@@ -169,7 +169,7 @@ def test_frames_without_truth_are_counted_and_not_evaluated() -> None:
 
 
 def test_nothing_at_all() -> None:
-    assert evaluated([], config()) == {"sources": {}, "images": {}, "fusion_gain": {}, "thresholds": {}}
+    assert evaluated([], config()) == {"sources": {}, "images": {}, "fusion_gain": {}}
 
 
 def test_frames_matched_together_are_as_if_matched_alone(monkeypatch: pytest.MonkeyPatch) -> None:

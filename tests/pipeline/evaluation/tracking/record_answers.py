@@ -81,7 +81,7 @@ def ask_motmetrics(cases: dict[str, TrackCase]) -> Answer:
     motmetrics = import_module("motmetrics")
     names = (
         *("mota", "motp", "num_matches", "num_switches", "num_false_positives", "num_misses", "num_fragmentations"),
-        *("mostly_tracked", "partially_tracked", "mostly_lost", "idf1", "idp", "idr"),
+        *("idf1", "idp", "idr"),
     )
     answers = {}
     for name, case in cases.items():
