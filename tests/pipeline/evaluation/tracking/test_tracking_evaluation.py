@@ -4,8 +4,6 @@ from typing import Any
 
 import pytest
 from evaluation_frames import frame_of, source_boxes, truth_boxes
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes3D
@@ -160,38 +158,3 @@ def test_long_recordings_are_those_of_all_blocks(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("lidcam.pipeline.evaluation.tracking.collect.BLOCK_FRAMES", 7)
     assert tracking(frames) == whole
     assert errors(whole["fused"]["car"]) == {"misses": 1, "fragmentations": 1, "id_switches": 1}
-
-
-# Eighths are exact, so that no distance is rounded to the other side of a limit.
-EIGHTHS = st.integers(0, 48).map(lambda count: count / 8)
-OBJECTS = st.lists(
-    st.tuples(st.booleans(), st.integers(0, 4), EIGHTHS, EIGHTHS, st.floats(0, 1, width=32)),
-    max_size=6,
-    unique_by=lambda row: row[:2],
-)
-
-
-@given(st.lists(OBJECTS, min_size=1, max_size=5), st.integers(-500, 500))
-def test_counts_add_up_wherever_the_site_lies(crowd: list[list[tuple[Any, ...]]], shift: int) -> None:
-    def frames(shift: int) -> list[EvaluationFrame]:
-        made = []
-        for k, rows in enumerate(crowd):
-            true = [(car(x + shift, y), track) for is_true, track, x, y, _ in rows if is_true]
-            found = [(car(x + shift, y), track, score) for is_true, track, x, y, score in rows if not is_true]
-            boxes = source_boxes([row for row, *_ in found], [t for _, t, _ in found], scores=[s for *_, s in found])
-            made.append(frame_of(k, truth_boxes([row for row, _ in true], [t for _, t in true]), {"fused": boxes}))
-        return made
-
-    truth = sum(is_true for rows in crowd for is_true, *_ in rows)
-    found = sum(map(len, crowd)) - truth
-    if not found:
-        assert tracking(frames(0)) == {}
-        return
-    here, there = fused(frames(0)), fused(frames(shift))
-    assert truth - here["misses"] == found - here["false_positives"] >= 0
-    if truth:
-        mistakes = here["misses"] + here["false_positives"] + here["id_switches"]
-        assert here["mota"] == pytest.approx(1 - mistakes / truth)
-        assert 0 <= here["hota"] <= max(here["det_a"], here["ass_a"]) + 1e-9
-    for name in ("misses", "false_positives", "id_switches", "idf1", "mota", "hota", "heading_flips"):
-        assert there[name] == pytest.approx(here[name]), name
