@@ -12,7 +12,7 @@ from fusion_stages import associate_of
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
-from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.arrays import F32, F64
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
 from lidcam.pipeline.core.geometry.boxes import box_corners, iou_xyxy
 from lidcam.pipeline.core.geometry.transform import Transform
@@ -31,11 +31,15 @@ def associate(boxes: Boxes3D, found: Mapping[str, Boxes2D], views: Mapping[str, 
     return {(name, int(j)): int(i) for name, part in matches.items() for i, j in part.pairs}
 
 
+def seen_in(camera: CameraSensor, corners: F64) -> F32:
+    return camera.model.project_boxes(camera.T_camera_site.apply(corners))
+
+
 def plain(boxes: Boxes3D, found: Mapping[str, Boxes2D], views: Mapping[str, CameraSensor]) -> dict[Key, int]:
     """The same by the best sum of IoU in each camera, from 0.3 on."""
     corners, pairs = box_corners(boxes.centers, boxes.sizes, boxes.yaws), {}
     for name, part in found.items():
-        iou = iou_xyxy(views[name].project_boxes(corners, "site"), part.xyxy)
+        iou = iou_xyxy(seen_in(views[name], corners), part.xyxy)
         iou[iou < 0.3] = 0
         for i, j in zip(*linear_sum_assignment(iou, maximize=True), strict=True):
             if iou[i, j]:
@@ -93,7 +97,7 @@ def rows_of(places: Sequence[tuple[float, float, float, int]]) -> Boxes3D:
 
 def shown(boxes: Boxes3D, camera: CameraSensor) -> F64:
     corners = box_corners(boxes.centers, boxes.sizes, boxes.yaws)
-    return np.asarray(camera.project_boxes(corners, "site"), np.float64)
+    return np.asarray(seen_in(camera, corners), np.float64)
 
 
 def test_what_is_left_to_see_of_a_hidden_car_is_its_own() -> None:
