@@ -13,7 +13,7 @@ from lidcam.pipeline.evaluation.detection.counts import count_figures
 from lidcam.pipeline.evaluation.detection.curves import average_precision, curve_of, ratio
 from lidcam.pipeline.evaluation.detection.matching import by_falling_score, match_by_score, ranks_by_score
 from lidcam.pipeline.evaluation.detection.tables import FALSE, IGNORED
-from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Figures, ImageBoxes, TruthBoxes2D
+from lidcam.pipeline.evaluation.evaluation_frame import Figures, ImageBoxes, TruthBoxes2D
 from lidcam.pipeline.evaluation.pieces import Pieces
 from lidcam.pipeline.evaluation.vans import Vans, as_found
 
@@ -38,7 +38,6 @@ class CameraImages:
 
     def __init__(self, config: Config) -> None:
         self._class_names, self._vans = config.class_names, Vans(config)
-        self._min_pixels = config.evaluate.min_image_pixels
         self._found = Pieces(_Found)
         self._truth_counts = np.zeros(len(config.classes), np.int64)
         self._ignored_counts = np.zeros(len(config.classes) + 1, np.int64)  # the last one: of no configured class
@@ -85,9 +84,8 @@ class CameraImages:
         self._ignored_counts += np.bincount(ids[~evaluated] % (classes + 1), minlength=classes + 1)
 
     def _is_evaluated(self, truth: TruthBoxes2D) -> Bools:
-        """(T,) whether objects are of a class, not ignored, and not known to have too few pixels."""
-        enough = (truth.image_pixels >= self._min_pixels) | (truth.image_pixels == UNKNOWN)
-        return np.asarray(enough & (truth.class_ids >= 0) & ~truth.is_ignored)
+        """(T,) whether objects are of a class, not ignored, and not known to have no pixel."""
+        return np.asarray((truth.image_pixels != 0) & (truth.class_ids >= 0) & ~truth.is_ignored)
 
     def _of(self, found: _Found, truth: int, left_out: int) -> tuple[dict[str, float | int | None], float | None]:
         """Counts of some detections, and their average precision."""

@@ -35,8 +35,7 @@ class DetectionEvaluation:
         sources = {name: Source(site, found[name]) for name in in_order(found)}
         figures = {name: source.figures() for name, source in sources.items()}
         stamps_ns = np.array(self._gathering.stamps_ns, np.int64)
-        samples = self._config.evaluate.bootstrap
-        gain = fusion_gain(sources, figures, Resampling.of(stamps_ns, samples)) if len(stamps_ns) else {}
+        gain = fusion_gain(sources, figures, Resampling.of(stamps_ns)) if len(stamps_ns) else {}
         return {
             "sources": figures,
             "images": {camera: self._images[camera].figures() for camera in sorted(self._images)},

@@ -15,7 +15,7 @@ from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
 NAMES = ("car", "van")
 CONFIG = Config(
     classes=tuple(ClassPrior(name=name, size_m=(4.0, 2.0, 1.5), max_size_m=(9.0, 9.0, 9.0)) for name in NAMES),
-    evaluate=EvaluateConfig(iou=(0.3, 0.6), bootstrap=100),
+    evaluate=EvaluateConfig(iou=(0.3, 0.6)),
 )
 Detections = list[tuple[float, bool]]
 RECALLS = [k / 40 for k in range(1, 41)]

@@ -22,7 +22,7 @@ COUNTS = ("truth", "truth_ignored", "found", "right", "missed", "false", "ignore
 
 
 def config(**settings: Any) -> Config:
-    return Config(classes=CLASSES, evaluate=EvaluateConfig(bootstrap=100, **settings))
+    return Config(classes=CLASSES, evaluate=EvaluateConfig(**settings))
 
 
 def truth(*xy: tuple[float, float], **columns: Any) -> TruthBoxes3D:

@@ -13,12 +13,16 @@ from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
 from lidcam.pipeline.evaluation.detection.resampling import Resampling
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
 
-SAMPLES = 100
 CLASSES = tuple(ClassPrior(name=name, size_m=(4.0, 2.0, 1.5), max_size_m=(9.0, 9.0, 9.0)) for name in ("car", "bus"))
-CONFIG = Config(classes=CLASSES, evaluate=EvaluateConfig(bootstrap=SAMPLES, ranges_m=(0, 100), iou=(0.5,)))
+CONFIG = Config(classes=CLASSES, evaluate=EvaluateConfig(iou=(0.5,)))
 FIGURES = ("ap_bev_r40_50", "ap_3d_r40_50", "precision", "recall", "f1", "errors.position_bev_m.mean")
 SOURCES = ("fused", "lidar")
 PERIOD_NS = 250_000_000
+
+
+@pytest.fixture(autouse=True)
+def _few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidcam.pipeline.evaluation.detection.resampling.SAMPLES", 100)
 
 
 def drive(frames: int, noise_m: dict[str, float], seed: int = 0) -> list[EvaluationFrame]:
@@ -59,7 +63,7 @@ def only(source: str, frames: list[EvaluationFrame]) -> list[EvaluationFrame]:
 def test_equal_to_recordings_put_together_from_the_drawn_blocks() -> None:
     frames = drive(20, {"lidar": 0.4, "fused": 0.2})
     figures = evaluated(frames, CONFIG)
-    drawn = Resampling.of(np.array([frame.stamp_ns for frame in frames]), SAMPLES)
+    drawn = Resampling.of(np.array([frame.stamp_ns for frame in frames]))
     assert drawn.block_count == 5
     assert drawn.blocks.tolist() == [frame.stamp_ns // 10**9 for frame in frames]
     assert (drawn.weights.sum(1) == 5).all()

@@ -16,7 +16,7 @@ from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Motion, SourceBoxes
 
 SIZE_M = (4.0, 1.7, 1.5)
-CONFIG = Config(evaluate=EvaluateConfig(bootstrap=100))
+CONFIG = Config()
 
 
 def car(x: float, y: float = 0.0, yaw: float = 0.0) -> list[float]:
@@ -121,7 +121,7 @@ def test_velocities_that_cannot_be_compared() -> None:
     places = [source.boxes.centers[0].tolist() for source in sources]
     nameless = [replace(f, truth=truth_boxes([[*xyz, *SIZE_M, 0]])) for f, xyz in zip(frames, places, strict=True)]
     assert counted(nameless) == (0, 0)
-    at_points = Config(evaluate=EvaluateConfig(bootstrap=100, truth_time="points"))
+    at_points = Config(evaluate=EvaluateConfig(truth_time="points"))
     assert counted(frames, at_points) == (0, 0)
 
 
@@ -144,7 +144,7 @@ def test_predictions_have_figures_of_their_own() -> None:
 
     places = [(0.1, False), (0.3, True), (0.1, True), (50.0, True), (200.0, True)]
     frames = [frame_of(k, truth_boxes([car(0)], [1]), sources(x, predicted=p)) for k, (x, p) in enumerate(places)]
-    config = Config(evaluate=EvaluateConfig(bootstrap=100, max_range_m=100.0))
+    config = Config(evaluate=EvaluateConfig(max_range_m=100.0))
     told = figures(frames, config)["predicted"]
     assert (told["found"], told["right"], told["precision"]) == (3, 2, pytest.approx(2 / 3))
     assert told["position_bev_m"]["mean"] == pytest.approx(0.2)
