@@ -68,10 +68,3 @@ def test_boxes_without_extent_overlap_nothing() -> None:
     nothing = (150.0, 120.0, 150.0, 120.0)
     tree = figures(image(nothing, [0.9], [CAR], truth2d(nothing, [CAR])))["car"]
     assert counts(tree) == {"truth": 1, "found": 1, "missed": 1, "false": 1}
-
-
-def test_images_matched_together_are_as_if_matched_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    images = [image(moved(row), [0.9], [CAR], truth2d(BOX, [CAR])) for row in range(0, 50, 10)]
-    together = figures(*images)
-    monkeypatch.setattr("lidcam.pipeline.evaluation.detection.camera_images.MAX_IMAGES", 2)
-    assert figures(*images) == together
