@@ -1,11 +1,10 @@
 """Fit the coefficients of the belief anew, from recordings whose truth is known.
 
-    python benchmarks/measured/belief_fit.py RECORDING[,MODEL.onnx]|DATA,MODEL.onnx ... [--check RECORDING ...]
+    python benchmarks/measured/belief_fit.py RECORDING[,MODEL.onnx] ... [--check RECORDING ...]
 
-A recording brings its own truth, and 2D boxes or images for a 2D network; DATA is a folder of labelled real frames
-(`labelled_frames`), each of which is a recording of its own; together they count as one. `--set` changes settings of
-the runs. All coefficients but `in_view` belong to the geometric score (`--set detect3d.method=cluster`); that one
-belongs to engines whose scores are probabilities (`--only in_view`).
+A recording brings its own truth, and 2D boxes or images for a 2D network. `--set` changes settings of the runs. All
+coefficients but `in_view` belong to the geometric score (`--set detect3d.method=cluster`); that one belongs to engines
+whose scores are probabilities (`--only in_view`).
 
 Each is processed with every threshold on scores open. A hypothesis is right if it lies within 2 m, scaled, of a true
 object of its class that no better one shows (docs/figures.md). Twice: as the cameras and the lidars weighed it, and the
@@ -33,7 +32,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from labelled_frames import CLASSES, RANGE_M, Label, LabelledFrame, excused, labelled_frames, write_recording
 from scipy.optimize import minimize
 
 from lidcam.evaluation.frames import EvaluationFrames
@@ -41,8 +39,6 @@ from lidcam.pipeline.core.arrays import F64, I32, U8, Bools
 from lidcam.pipeline.core.association import class_agreement
 from lidcam.pipeline.core.detections import Boxes3D, Hypotheses
 from lidcam.pipeline.core.frame import FrameResult
-from lidcam.pipeline.core.geometry.boxes import wrap_angle
-from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.detection.criteria import Criteria
 from lidcam.pipeline.evaluation.detection.gathering import Gathering
@@ -93,15 +89,13 @@ class WeighedFrame:
     visibility: Visibility
     alone: Boxes3D
     truth: TruthBoxes3D
-    is_ignored: tuple[Bools, Bools]
 
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """A recording with its truth, and how much it counts."""
+    """A recording with its truth."""
 
     name: str
-    weight: float
     config: Config
     cameras: tuple[str, ...]
     frames: list[WeighedFrame]
@@ -130,68 +124,28 @@ class Collector(RunObserver):
         self.frames.append((result.hypotheses, found, result.detections.lidar))
 
 
-def weighed(given: str, folder: Path, settings: Sequence[str]) -> list[Weighed]:
+def weighed(given: str, folder: Path, settings: Sequence[str]) -> Weighed:
     """Process what was given on the command line, and find its truth."""
     path, _, model = given.partition(",")
-    frames = [*labelled_frames(Path(path))]
-    if not frames:  # bags of ROS 2 are folders, too
-        return [_recorded(path, folder, settings, Path(model) if model else None)]
-    return [_labelled(frame, Path(model), 1 / len(frames), folder, settings) for frame in frames]
-
-
-def _recorded(path: str, folder: Path, settings: Sequence[str], model: Path | None) -> Weighed:
     collector = Collector()
     result = folder / "result.mcap"
-    job = make_job(path, result, settings=[*OPEN, *settings], model_2d=model, workers=1, overwrite=True)
+    job = make_job(
+        path,
+        result,
+        settings=[*OPEN, *settings],
+        model_2d=Path(model) if model else None,
+        workers=1,
+        overwrite=True,
+    )
     process_recording(job, collector)
     frames = []
     with open_result(result) as opened, open_truth(opened) as found:
         evaluated = zip(EvaluationFrames(opened, found), collector.frames, strict=True)
         for frame, (hypotheses, visibility, alone) in evaluated:
             if frame.truth is not None:
-                boxes, count = hypotheses.boxes, hypotheses.lidar_count
-                nothing = np.zeros(len(boxes), np.bool_), np.zeros(len(alone), np.bool_)
-                frames.append(WeighedFrame(boxes, count, visibility, alone, frame.truth, nothing))
+                frames.append(WeighedFrame(hypotheses.boxes, hypotheses.lidar_count, visibility, alone, frame.truth))
         config = decided(opened.config, opened.rig)
-        return Weighed(path, 1.0, config, tuple(camera.name for camera in opened.rig.cameras), frames)
-
-
-def _labelled(frame: LabelledFrame, model: Path, weight: float, folder: Path, settings: Sequence[str]) -> Weighed:
-    collector = Collector()
-    write_recording(frame, folder / "frame.mcap")
-    job = make_job(folder / "frame.mcap", settings=[*OPEN, *settings], model_2d=model, workers=1)
-    process_recording(job, collector)
-    (hypotheses, visibility, alone), source = collector.frames[0], collector.source
-    T_site_lidar = source.rig.lidars[0].T_site_lidar
-    truth = labelled_boxes(frame.labels, T_site_lidar, source.config.class_names)
-    T_lidar_site = T_site_lidar.inverse()
-    ignored = [
-        excused(frame, centers) | (np.hypot(centers[:, 0], centers[:, 1]) > RANGE_M)
-        for centers in (T_lidar_site.apply(hypotheses.boxes.centers), T_lidar_site.apply(alone.centers))
-    ]
-    found = WeighedFrame(hypotheses.boxes, hypotheses.lidar_count, visibility, alone, truth, (ignored[0], ignored[1]))
-    config = decided(source.config, source.rig)
-    return Weighed(frame.name, weight, config, tuple(one.name for one in source.rig.cameras), [found])
-
-
-def labelled_boxes(labels: Sequence[Label], T_site_lidar: Transform, names: Sequence[str]) -> TruthBoxes3D:
-    """Labels as boxes in the site frame, with classes by these names."""
-    poses = T_site_lidar.matrix @ np.array([one.T_lidar_box for one in labels]).reshape(-1, 4, 4)
-    count = len(poses)
-    class_ids = np.array([names.index(CLASSES[one.label]) if one.label in CLASSES else UNKNOWN for one in labels])
-    return TruthBoxes3D(
-        0,
-        T_site_lidar.dst,
-        poses[:, :3, 3],
-        np.array([one.size_m for one in labels], np.float64).reshape(-1, 3),
-        wrap_angle(np.arctan2(poses[:, 1, 0], poses[:, 0, 0])),
-        class_ids.astype(np.int32),
-        np.array([one.label for one in labels], np.str_),
-        np.full(count, UNKNOWN, np.int64),
-        np.full(count, UNKNOWN, np.int32),
-        np.full(count, UNKNOWN, np.int32),
-        class_ids == UNKNOWN,
-    )
+        return Weighed(path, config, tuple(camera.name for camera in opened.rig.cameras), frames)
 
 
 def probabilities(run: Weighed, by: Coefficients) -> tuple[list[F64], list[F64], list[F64]]:
@@ -254,7 +208,6 @@ class Rows:
     The arrays of `visibility` and `plain_recall` have a row for each of the largest number of cameras of a frame.
     """
 
-    weight: float
     start: tuple[Start, Start]
     visibility: Visibility
     plain_recall: F64
@@ -269,15 +222,15 @@ class Rows:
         names = [field.name for field in fields(Visibility) if field.name != "cameras"]
         columns = {name: _beside([getattr(frame.visibility, name) for frame in frames], most) for name in names}
         visibility = Visibility(tuple(map(str, range(most))), **columns)
-        return cls(run.weight, run.starts(frames), visibility, _beside(learned, most), labels(run, (together, alone)))
+        return cls(run.starts(frames), visibility, _beside(learned, most), labels(run, (together, alone)))
 
     def loss(self, by: Coefficients) -> float:
-        """The cross-entropy of the hypotheses and of the lidars' boxes, with the weight of the recording."""
+        """The cross-entropy of the hypotheses and of the lidars' boxes."""
         evidence = joined(camera_evidence(self.visibility, self.plain_recall, by), by)
         first, second = self.start
         together = probability(first.log_odds(by) + evidence) * first.place
         alone = probability(second.log_odds(by)) * second.place
-        return self.weight * (cross_entropy(together, self.right[0]) + cross_entropy(alone, self.right[1]))
+        return cross_entropy(together, self.right[0]) + cross_entropy(alone, self.right[1])
 
 
 def _beside(arrays: Sequence[Any], rows: int) -> Any:
@@ -293,13 +246,11 @@ def labels(run: Weighed, found: tuple[list[F64], list[F64]]) -> tuple[F64, F64]:
         gathering.add_frame(EvaluationFrame(index, index, frame.truth, sources))
     row = Criteria.of(run.config).position_column
     tables = gathering.found()
-    matches = [tables[name].matches[:, row] for name in ("fused", "lidar")]
-    ignored_rows = [np.concatenate([frame.is_ignored[which] for frame in run.frames]) for which in (0, 1)]
-    right, alone_right = (
-        np.where((found == IGNORED) | ignored, np.nan, (found >= 0).astype(np.float64))
-        for found, ignored in zip(matches, ignored_rows, strict=True)
+    fused, alone = (
+        np.where(found == IGNORED, np.nan, (found >= 0).astype(np.float64))
+        for found in (tables[name].matches[:, row] for name in ("fused", "lidar"))
     )
-    return right, alone_right
+    return fused, alone
 
 
 def _source(boxes: Boxes3D, p: F64) -> SourceBoxes:
@@ -364,15 +315,14 @@ def report(runs: Sequence[Weighed], by: Coefficients) -> None:
 def main() -> None:
     """Process, fit, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("recordings", nargs="+", metavar="RECORDING|DATA,MODEL")
+    parser.add_argument("recordings", nargs="+", metavar="RECORDING[,MODEL]")
     parser.add_argument("--check", nargs="*", default=[], help="recordings that are reported and not fitted to")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a setting of the runs")
     parser.add_argument("--only", action="append", default=[], metavar="COEFFICIENT", help="fit this one; others stay")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         runs, checked = (
-            [run for one in given for run in weighed(one, Path(folder), options.set)]
-            for given in (options.recordings, options.check)
+            [weighed(one, Path(folder), options.set) for one in given] for given in (options.recordings, options.check)
         )
     print("in use")
     report([*runs, *checked], FITTED)

@@ -36,7 +36,7 @@ from lidcam.training.examples import SWEEPS_OF_A_WORLD, cloud_of, rig_of
 
 FIRST_WORLD = 2_000_000  # trainings take worlds from their seed on, and judge themselves in those from a million on
 
-EVALUATED = ("evaluate.max_range_m=60", "evaluate.min_lidar_points=10", "evaluate.iou=[0.5]", "evaluate.bootstrap=100")
+EVALUATED = ("evaluate.max_range_m=60", "evaluate.min_lidar_points=10", "evaluate.iou=[0.5]")
 MIN_SCORES = {"all": 0.0, "calibrated": 0.05, "reported": 0.5}
 
 Found = tuple[TruthBoxes3D, dict[str, Boxes3D]]

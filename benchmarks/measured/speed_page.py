@@ -80,8 +80,6 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         for case in _cases(options.recordings, options.model, Path(name)):
             lines += _section(case, options.rounds, Path(name) / "out.mcap")
-    command = [sys.executable, str(ROOT / "benchmarks" / "velodyne.py")]
-    lines += ["```", subprocess.run(command, check=True, capture_output=True, text=True).stdout.rstrip(), "```"]
     text = "\n".join(lines)
     print(text)
     if not options.prints:

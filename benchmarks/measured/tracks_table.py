@@ -62,7 +62,7 @@ FOLLOWED: Mapping[str, Callable[[Tree], str]] = {
 def measured_tracks(unfiltered: Path, tracked: Mapping[str, Path]) -> Tree:
     """`sources` and `tracking` of a result without tracks, whose truth counts, and of others with tracks, by name."""
     with ExitStack() as stack:
-        result = stack.enter_context(open_result(unfiltered, ["evaluate.bootstrap=100"]))
+        result = stack.enter_context(open_result(unfiltered))
         truth = stack.enter_context(open_truth(result))
         frames = [replace(frame, images={}) for frame in EvaluationFrames(result, truth)]
         config = result.config

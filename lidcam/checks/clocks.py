@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.stages.sync.clocks import Clocks, TimeJump
-from lidcam.pipeline.stages.sync.policy import DropReason
+from lidcam.pipeline.stages.sync.drop_reason import DropReason
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.run.frames import RunInput
 from lidcam.run.missing import MissingSensor, absence_warnings, never_used, silence_warnings, with_camera

@@ -114,7 +114,7 @@ def _taken_away(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
                 "fused",
                 f"{name}: fusion takes away {-gain['value']:.2f} AP ({gain['low']:+.2f} to {gain['high']:+.2f}) from "
                 f"{gain['over']} alone",
-                "look at the calibration and the 2D boxes of the cameras, and at the settings associate and fuse",
+                "look at the calibration and the 2D boxes of the cameras, and at the settings fuse",
             )
 
 

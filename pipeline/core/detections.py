@@ -104,17 +104,7 @@ class Boxes3D(Table):
             raise ValueError("yaws: expected radians in (-pi, pi]")
 
     def joined(self, *others: "Boxes3D") -> "Boxes3D":
-        """These boxes and then the others, which are of the same moment and frame.
-
-        Raises:
-            ValueError: they are not.
-        """
-        for other in others:
-            if (other.stamp_ns, other.frame_id) != (self.stamp_ns, self.frame_id):
-                raise ValueError(
-                    f"expected boxes at {self.stamp_ns} ns in frame {self.frame_id!r}, "
-                    f"got {other.stamp_ns} ns, {other.frame_id!r}"
-                )
+        """These boxes and then the others, which are of the same moment and frame."""
         return join_rows(self, *others)
 
     @classmethod

@@ -6,9 +6,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, F64, I64, check_array
+from lidcam.pipeline.core.arrays import F64, I64, check_array
 from lidcam.pipeline.core.camera import CameraModel
-from lidcam.pipeline.core.errors import CalibrationError, FrameError
+from lidcam.pipeline.core.errors import CalibrationError
 from lidcam.pipeline.core.geometry.polygons import first_polygon_with
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.text import brief
@@ -83,25 +83,6 @@ class CameraSensor:
     fit: CameraFit = CameraFit()
 
     __repr__ = brief
-
-    def project_boxes(self, corners_site: F64, frame_id: str) -> F32:
-        """Upright rectangles around boxes in this camera's image, clipped to it.
-
-        Args:
-            corners_site: (N, 8, 3) corners in the order of `geometry.box_corners`, metres.
-            frame_id: Their frame.
-
-        Returns:
-            (N, 4) left, top, right, bottom in pixels; NaN if no part of a box is in the image.
-
-        Raises:
-            FrameError: the boxes are not in the site frame of the camera.
-        """
-        if frame_id != self.T_camera_site.src:
-            raise FrameError(
-                f"camera {self.name}: expected boxes in frame {self.T_camera_site.src!r}, found {frame_id!r}"
-            )
-        return self.model.project_boxes(np.asarray(self.T_camera_site.apply(corners_site), np.float64))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,10 +25,10 @@ def is_evaluated(truth: TruthBoxes3D, config: EvaluateConfig) -> Bools:
     """(N,) whether each object has to be found; the others are neither misses nor, where matched, errors.
 
     Ignored are objects that are marked so, of no configured class or not `is_within`, and those that no sensor saw:
-    with fewer lidar points than `min_lidar_points` and fewer pixels than `min_image_pixels`. A count that the truth
-    lacks decides nothing; without any, the object is taken to be seen.
+    with fewer lidar points than `min_lidar_points` and without a pixel. A count that the truth lacks decides nothing;
+    without any, the object is taken to be seen.
     """
     lidar_points, image_pixels = truth.lidar_points, truth.image_pixels
-    seen = (lidar_points >= config.min_lidar_points) | (image_pixels >= config.min_image_pixels)
+    seen = (lidar_points >= config.min_lidar_points) | (image_pixels > 0)
     seen |= (lidar_points == UNKNOWN) & (image_pixels == UNKNOWN)
     return np.asarray(seen & (truth.class_ids != UNKNOWN) & ~truth.is_ignored & is_within(truth.centers, config))

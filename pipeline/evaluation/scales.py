@@ -11,7 +11,8 @@ from lidcam.pipeline.core.settings.config import Config
 REFERENCE_LENGTH_M = 4.0
 """Length of the car for which the distances of nuScenes were chosen."""
 
-DEFAULT_RANGES_M = (0.0, 10.0, 20.0, 40.0, 80.0)
+RANGES_M = (0.0, 10.0, 20.0, 40.0, 80.0)
+"""Edges of the ranges from the origin of the site frame, for a first class as long as a car."""
 
 MAX_TURN_RAD = np.pi / 2 + 1e-6
 """Largest turn that is no flip: a right angle and its rounding in single precision."""
@@ -29,9 +30,7 @@ def length_scales(config: Config) -> F64:
 
 def range_edges_m(config: Config) -> F64:
     """(K,) starts of the K ranges from the origin that have figures of their own, metres; the last has no end."""
-    if config.evaluate.ranges_m is not None:
-        return np.array(config.evaluate.ranges_m, np.float64)
-    return np.array(DEFAULT_RANGES_M) * (config.classes[0].size_m[0] / REFERENCE_LENGTH_M)
+    return np.array(RANGES_M) * (config.classes[0].size_m[0] / REFERENCE_LENGTH_M)
 
 
 def ranges_m(centers: F64) -> F64:

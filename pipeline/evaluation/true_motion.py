@@ -66,10 +66,10 @@ def true_velocities(frames: I32, stamps_ns: I64, class_ids: I32, tracks: I64, po
     return found
 
 
-def has_moved(class_ids: I32, tracks: I64, poses: F64, lengths_m: F64) -> tuple[Bools, Bools]:
-    """(T,) whether true objects ever move by more than their class's length (C,), and (T,) whether they stand.
+def has_moved(class_ids: I32, tracks: I64, poses: F64, lengths_m: F64) -> Bools:
+    """(T,) whether true objects ever move by more than their class's length (C,).
 
-    Neither without class, track or place; arguments as of `true_velocities`.
+    Not without class, track or place; arguments as of `true_velocities`.
     """
     is_known = (tracks != UNKNOWN) & (class_ids != UNKNOWN) & np.isfinite(poses).all(1)
     rows = np.flatnonzero(is_known)
@@ -82,7 +82,7 @@ def has_moved(class_ids: I32, tracks: I64, poses: F64, lengths_m: F64) -> tuple[
         extents = np.maximum.reduceat(places, first) - np.minimum.reduceat(places, first)
         is_far = np.hypot(extents[:, 0], extents[:, 1]) > lengths_m[class_ids[order[first]]]
         moves[order] = is_far[np.cumsum(starts) - 1]
-    return moves, is_known & ~moves
+    return moves
 
 
 def _matrices(T_fixed_site: Sequence[F64 | None]) -> F64:

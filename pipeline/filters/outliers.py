@@ -14,17 +14,17 @@ NEIGHBORS = 10
 """Nearest neighbours to which a point's distance is averaged, without the point itself."""
 
 
-def statistical_inliers(xyz: F32, *, std_ratio: float, neighbors: int = NEIGHBORS) -> Bools:
+def statistical_inliers(xyz: F32, *, std_ratio: float) -> Bools:
     """(N,) whether to keep each of the finite points (N, 3).
 
-    A point is kept if the mean distance to its `neighbors` nearest neighbours is at most the mean of that distance over
+    A point is kept if the mean distance to its `NEIGHBORS` nearest is at most the mean of that distance over
     the cloud plus `std_ratio` times its sample standard deviation. Exact duplicates are neighbours at distance 0. A
-    cloud of `neighbors` points or fewer is kept whole (PCL reads past its results there).
+    cloud of `NEIGHBORS` points or fewer is kept whole (PCL reads past its results there).
     """
-    if len(xyz) <= neighbors:
+    if len(xyz) <= NEIGHBORS:
         return np.ones(len(xyz), np.bool_)
     # PCL's arithmetic: a point's mean distance and its square in float32, sums over the cloud in float64.
-    mean_distance_m = mean_neighbor_distance_m(np.ascontiguousarray(xyz), neighbors)
+    mean_distance_m = mean_neighbor_distance_m(np.ascontiguousarray(xyz), NEIGHBORS)
     count = len(xyz)
     total = float(mean_distance_m.sum(dtype=np.float64))
     total_of_squares = float((mean_distance_m * mean_distance_m).sum(dtype=np.float64))

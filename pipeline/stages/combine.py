@@ -42,14 +42,10 @@ class Combine:
             clouds: By lidar name, in the frame of each lidar; lidars may be missing.
 
         Raises:
-            ValueError: a cloud's lidar is not in the rig.
             FrameError: the motion is that of a frame other than the site frame.
         """
         config = self._config
         motion = bundle.motion_of(self._rig.site_frame) if config.motion.enabled else None
-        unknown = set(clouds) - {lidar.name for lidar in self._rig.lidars}
-        if unknown:
-            raise ValueError(f"clouds: no lidar of the rig is named {', '.join(sorted(unknown))}")
 
         sweeps: dict[int, PointCloud] = {}
         compensated: list[str] = []

@@ -115,7 +115,7 @@ def test_names_that_are_no_utf_8(lidcam: Lidcam, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        (("--set", "sync.polcy=nearest"), 1, "unknown key 'sync.polcy': did you mean 'sync.policy'?"),
+        (("--set", "sync.slop=1"), 1, "unknown key 'sync.slop': did you mean 'sync.slop_s'?"),
         (("--set", "topics.lidars=/points"), 1, "topics.lidars: expected a list, found '/points'"),
         (("--config", "crosing"), 1, "found neither: did you mean 'crossing'?"),
         (("--model-2d", "none.onnx"), 1, "none.onnx"),

@@ -67,6 +67,6 @@ def test_config(lidcam: Lidcam, tmp_path: Path) -> None:
         "detect3d.cluster.distance_m Points nearer to each other than this belong together, close to a lidar. "
         "unit metres allowed number, above 0 default 0.4 sandbox 0.06 crossing 0.4 road 0.4"
     )
-    assert json.loads(lidcam("config", "explain", "sync", "--json").out)["keys"]["policy"]
+    assert json.loads(lidcam("config", "explain", "sync", "--json").out)["keys"]["slop_s"]
     which = "did you mean 'detect3d.min_score' or 'detect2d.min_score' or 'fuse.min_score'?"
     assert lidcam("config", "explain", "min_score").error_line.endswith(which)

@@ -41,7 +41,9 @@ def camera_at(
 def seen_by(camera: CameraSensor, boxes: Sequence[Box], class_ids: Sequence[int], *, score: float = 0.8) -> Boxes2D:
     """The rectangles around those of the boxes that the camera has in view."""
     table = np.array(boxes, np.float64).reshape(-1, 7)
-    rectangles = camera.project_boxes(box_corners(table[:, :3], table[:, 3:6], table[:, 6]), "site")
+    rectangles = camera.model.project_boxes(
+        camera.T_camera_site.apply(box_corners(table[:, :3], table[:, 3:6], table[:, 6]))
+    )
     rows = [
         (*rectangle, score, class_id)
         for rectangle, class_id in zip(rectangles.tolist(), class_ids, strict=True)

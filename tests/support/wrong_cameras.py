@@ -74,7 +74,7 @@ def _seen(
     true = Transform("cam", "site", pose @ camera.T_camera_site.matrix)
     sizes = np.tile(CAR, (len(start), 1))
     corners = box_corners(np.c_[true_xy - [taken_m, 0], np.full(len(start), -0.8)], sizes, yaws)
-    xyxy = replace(camera, T_camera_site=true).project_boxes(corners, "site").astype(np.float64)
+    xyxy = camera.model.project_boxes(true.apply(corners)).astype(np.float64)
     xyxy += noise * random.normal(0, 1.5, xyxy.shape)
     shown = np.isfinite(xyxy).all(1)
     xy = on_ground - [ahead_m, 0] + noise * random.normal(0, 0.05, start.shape)

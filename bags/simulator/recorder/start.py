@@ -2,10 +2,10 @@
 
 import os
 from collections.abc import Collection, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from typing import TYPE_CHECKING
 
-from lidcam.bags.simulator.recorder.processes import sensing_process
+from lidcam.bags.simulator.recorder.processes import SensingProcess
 from lidcam.bags.simulator.recorder.recorded import SensingTask
 from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.bags.simulator.scenario.sensors import CameraScenario, LidarScenario
@@ -54,7 +54,7 @@ def simulating(
     mine, *others = shared_out(scenario, os.cpu_count() or 1 if workers is None else workers)
     with ExitStack() as stack:
         tasks = [SensingTask(scenario, tuple(driven), ros_version, names) for names in others]
-        processes = [stack.enter_context(sensing_process(task)) for task in tasks]
+        processes = [stack.enter_context(closing(SensingProcess(task))) for task in tasks]
         from lidcam.bags.simulator.recorder.simulation import Simulation  # Open3D takes a second or two
 
         yield Simulation(SensingTask(scenario, tuple(driven), ros_version, mine), processes)

@@ -139,7 +139,7 @@ def _views(result: Result, corners: F64) -> Iterator[tuple[CameraSensor, F64]]:
     """The cameras that show a box, the one that shows it largest first."""
     found: list[tuple[float, CameraSensor, F64]] = []
     for camera in result.rig.cameras:
-        (box,) = camera.project_boxes(corners, result.rig.site_frame).astype(np.float64)
+        (box,) = camera.model.project_boxes(camera.T_camera_site.apply(corners)).astype(np.float64)
         area = float((box[2] - box[0]) * (box[3] - box[1]))
         if np.isfinite(area):
             found.append((area, camera, box))

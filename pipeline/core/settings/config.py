@@ -49,6 +49,7 @@ class Config(SettingsModel):
     GONE: ClassVar[Mapping[str, str]] = {
         "velodyne.topics": "velodyne.model and velodyne.calibration hold for all lidars",
         "topics.last_resort": "now a constant: /point_cloud_combined and /ground_cloud",
+        "sync.policy": "now always approximate_time; other topics join nearest to one in sync.required",
         "sync.age_penalty": _constant(0.1),
         "combine.motion.max_extrapolation_s": _constant(0.2),
         "combine.motion.max_gap_s": _constant(1.0),
@@ -66,6 +67,9 @@ class Config(SettingsModel):
         "associate": "now constants of pipeline/core/association.py",
         "fuse.min_score_unconfirmed": "fuse.min_score is a probability, with cameras and without",
         "fuse.heading_sigma_deg": _constant(5.0),
+        "evaluate.ranges_m": "now a constant: 0, 10, 20, 40 and 80 m, scaled by the length of the first class",
+        "evaluate.min_image_pixels": _constant(1),
+        "evaluate.bootstrap": _constant(1000),
         "evaluate.distances": "scaled by the length of the class; for nuScenes's own figures, export",
         "fuse.camera_recall": "learned for each camera and size while the run goes on",
         "fuse.size_sigma": _constant(0.15),

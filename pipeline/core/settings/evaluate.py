@@ -1,9 +1,8 @@
 """Settings of evaluation, and of the comparison of two results."""
 
-from itertools import pairwise
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from lidcam.pipeline.core.settings.model import Corners, Count, NotNegative, Positive, SettingsModel, Share
 
@@ -16,37 +15,23 @@ class EvaluateConfig(SettingsModel):
     Attributes:
         iou: IoUs of rotated boxes from which a detection counts as right in the figures named by them (`ap_bev_r40_50`
             is at 0.5).
-        ranges_m: Edges of the ranges from the origin of the site frame by which figures are grouped; null: 0, 10,
-            20, 40 and 80 m, times the length of the first class over 4 m.
         region: Corners x, y in the site frame of what is evaluated, or `everywhere`; null: where truth is labelled.
         max_range_m: Largest distance from the origin of the site frame that is evaluated; null: no limit.
-        min_lidar_points: An object with fewer lidar points and with fewer pixels than `min_image_pixels` is neither a
-            miss nor an error. Truth without such counts is evaluated in any case.
-        min_image_pixels: See `min_lidar_points`; also of one image, for the 2D boxes of its camera.
+        min_lidar_points: An object with fewer lidar points and without a pixel in an image is neither a miss nor an
+            error. Truth without such counts is evaluated in any case.
         truth_time: `stamp` compares with where an object was at the frame's stamp, `points` with where it was when the
             lidars measured it, where the truth says that.
         kitti_difficulty: Level of KITTI's label files; harder objects are neither a miss nor an error. `easy`: at least
             40 px high, fully visible, at most 15 % outside the image; `moderate`: 25 px, partly hidden, 30 %; `hard`:
             25 px, largely hidden, 50 %; null: all objects count.
-        bootstrap: Samples drawn for intervals of 95 %.
     """
 
     iou: Annotated[tuple[IouThreshold, ...], Field(min_length=1)] = (0.25, 0.5, 0.7)
-    ranges_m: Annotated[tuple[NotNegative, ...], Field(min_length=2)] | None = None
     region: Corners | Literal["everywhere"] | None = None
     max_range_m: Positive | None = None
     min_lidar_points: Count = 1
-    min_image_pixels: Count = 1
     truth_time: Literal["stamp", "points"] = "stamp"
     kitti_difficulty: Literal["easy", "moderate", "hard"] | None = None
-    bootstrap: Annotated[int, Field(ge=100)] = 1000
-
-    @field_validator("ranges_m")
-    @classmethod
-    def _ranges_rise(cls, edges: tuple[float, ...] | None) -> tuple[float, ...] | None:
-        if edges is not None and any(first >= second for first, second in pairwise(edges)):
-            raise ValueError(f"expected rising edges, found {', '.join(f'{edge:g}' for edge in edges)}")
-        return edges
 
 
 class CompareConfig(SettingsModel):

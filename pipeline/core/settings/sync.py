@@ -9,16 +9,12 @@ class SyncConfig(SettingsModel):
     """Finding the messages of one moment.
 
     Attributes:
-        policy: `approximate_time` (as message_filters in C++) or `nearest` (nearest to each message of the reference
-            topic).
         reference: str whose stamps the frames take, and which they need, while it is alive; if empty or silent, the
             first required one that is alive.
         queue_size: Messages kept per required topic, and frames that wait for the other topics; of those, twice as many
             messages are kept.
-        slop_s: Messages of the topics that are not required are at most this far from the reference; under `nearest`
-            those of the required ones, too.
-        max_interval_s: Largest spread of the required topics' stamps in a frame under `approximate_time`; null for no
-            limit, as in ROS.
+        slop_s: Messages of the topics that are not required are at most this far from the reference.
+        max_interval_s: Largest spread of the required topics' stamps in a frame; null for no limit, as in ROS.
         required: Topics that a frame needs while they are alive: `lidars` (in a recording without any, those of the
             recorded 3D boxes that are used), or a list of topics. The others join a frame
             with the message nearest to its reference, if it is within `slop_s`. If none is alive, the next topic that
@@ -28,7 +24,6 @@ class SyncConfig(SettingsModel):
         every: Of this many frames the first is processed: 1 for all.
     """
 
-    policy: Literal["approximate_time", "nearest"] = "approximate_time"
     reference: str = ""
     queue_size: Count = 10
     slop_s: NotNegative = 0.1

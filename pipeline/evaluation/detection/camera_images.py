@@ -1,27 +1,23 @@
 """2D boxes of one camera against the true objects in its images."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64, I32, Bools, Rows, select_rows
+from lidcam.pipeline.core.detections import Boxes2D
 from lidcam.pipeline.core.settings.config import ALL_CLASSES, Config
-from lidcam.pipeline.evaluation.assignment import pairs_of_equal
 from lidcam.pipeline.evaluation.detection.averages import Averages, mean_figures
 from lidcam.pipeline.evaluation.detection.counts import count_figures
 from lidcam.pipeline.evaluation.detection.curves import average_precision, curve_of, ratio
 from lidcam.pipeline.evaluation.detection.matching import by_falling_score, match_by_score, ranks_by_score
 from lidcam.pipeline.evaluation.detection.tables import FALSE, IGNORED
-from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Figures, ImageBoxes, TruthBoxes2D
+from lidcam.pipeline.evaluation.evaluation_frame import Figures, ImageBoxes, TruthBoxes2D
 from lidcam.pipeline.evaluation.pieces import Pieces
 from lidcam.pipeline.evaluation.vans import Vans, as_found
 
 MIN_IOU = 0.5
 """Smallest IoU of upright rectangles at which a detection is right."""
-
-MAX_IMAGES = 128
-"""Largest number of images that are matched together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,21 +26,19 @@ class _Found:
 
     class_ids: I32  # (N,) int32, row of the configured classes
     scores: F32  # (N,) float32
-    matches: I32  # (N,) int32, row of the object in its batch of images; or `FALSE`, `IGNORED`
+    matches: I32  # (N,) int32, row of the object in its image; or `FALSE`, `IGNORED`
 
 
 class CameraImages:
-    """Matches the 2D boxes of one camera, some images at a time, and keeps what the figures need."""
+    """Matches the 2D boxes of one camera image by image, and keeps what the figures need."""
 
     def __init__(self, config: Config) -> None:
         self._class_names, self._vans = config.class_names, Vans(config)
-        self._min_pixels = config.evaluate.min_image_pixels
         self._found = Pieces(_Found)
         self._truth_counts = np.zeros(len(config.classes), np.int64)
         self._ignored_counts = np.zeros(len(config.classes) + 1, np.int64)  # the last one: of no configured class
         self._images = 0
         self._images_without_truth = 0
-        self._waiting: list[tuple[ImageBoxes, TruthBoxes2D]] = []
 
     def add_image(self, image: ImageBoxes) -> None:
         """Take in one image; the numbers in it are finite, as readers make sure."""
@@ -52,13 +46,16 @@ class CameraImages:
             self._images_without_truth += 1
             return
         self._images += 1
-        self._waiting.append((image, image.truth))
-        if len(self._waiting) >= MAX_IMAGES:
-            self._match()
+        truth, classes = image.truth, len(self._class_names)
+        is_evaluated = (truth.image_pixels != 0) & (truth.class_ids >= 0) & ~truth.is_ignored
+        found = _matched(image.found, truth, is_evaluated, self._vans)
+        self._found.append(found)
+        ids = as_found(truth.class_ids, found.matches, found.class_ids)
+        self._truth_counts += np.bincount(ids[is_evaluated], minlength=classes)
+        self._ignored_counts += np.bincount(ids[~is_evaluated] % (classes + 1), minlength=classes + 1)
 
     def figures(self) -> Figures:
         """All figures, by class."""
-        self._match()
         found = self._found.table()
         figures: dict[str, dict[str, float | int | None]] = {}
         averages: list[Averages] = []
@@ -69,25 +66,6 @@ class CameraImages:
             figures[name] |= averages[-1]
         pooled, _ = self._of(found, int(self._truth_counts.sum()), int(self._ignored_counts.sum()))
         return {**figures, ALL_CLASSES: {**pooled, **mean_figures(averages)}}
-
-    def _match(self) -> None:
-        if not self._waiting:
-            return
-        images, truths = zip(*self._waiting, strict=True)
-        self._waiting = []
-        ids = np.concatenate([truth.class_ids for truth in truths])
-        evaluated = np.concatenate([self._is_evaluated(truth) for truth in truths])
-        found = _matched(images, truths, evaluated, self._vans)
-        self._found.append(found)
-        ids = as_found(ids, found.matches, found.class_ids)
-        classes = len(self._class_names)
-        self._truth_counts += np.bincount(ids[evaluated], minlength=classes)
-        self._ignored_counts += np.bincount(ids[~evaluated] % (classes + 1), minlength=classes + 1)
-
-    def _is_evaluated(self, truth: TruthBoxes2D) -> Bools:
-        """(T,) whether objects are of a class, not ignored, and not known to have too few pixels."""
-        enough = (truth.image_pixels >= self._min_pixels) | (truth.image_pixels == UNKNOWN)
-        return np.asarray(enough & (truth.class_ids >= 0) & ~truth.is_ignored)
 
     def _of(self, found: _Found, truth: int, left_out: int) -> tuple[dict[str, float | int | None], float | None]:
         """Counts of some detections, and their average precision."""
@@ -104,31 +82,23 @@ class CameraImages:
         return figures, average_precision(curve.right, curve.precision, truth)
 
 
-def _matched(images: Sequence[ImageBoxes], truths: Sequence[TruthBoxes2D], evaluated: Bools, vans: Vans) -> _Found:
-    """Match the detections of at least one image; `evaluated` (T,) are the objects of all images that have to be found.
+def _matched(found: Boxes2D, truth: TruthBoxes2D, is_evaluated: Bools, vans: Vans) -> _Found:
+    """Match the detections of one image; `is_evaluated` (T,) are the objects that have to be found.
 
     A false detection is ignored if an ignored object of any class, or a region that nobody labelled, holds as large a
     share of it as `MIN_IOU`.
     """
-    xyxy = np.concatenate([image.found.xyxy for image in images]).astype(np.float64)
-    class_ids = np.concatenate([image.found.class_ids for image in images])
-    scores = np.concatenate([image.found.scores for image in images])
-    true_xyxy = np.concatenate([truth.xyxy for truth in truths]).astype(np.float64)
-    true_ids = np.concatenate([truth.class_ids for truth in truths])
-    is_van = vans.among(true_ids, np.concatenate([truth.labels for truth in truths]))
-    found, shown = pairs_of_equal(_numbers([len(image.found) for image in images]), _numbers(list(map(len, truths))))
-    iou, share = _overlaps(xyxy[found], true_xyxy[shown])
-    order = np.lexsort((shown, -iou, found))
-    fits = vans.fit(true_ids[shown], is_van[shown], class_ids[found])
-    rows = order[(evaluated[shown] & fits & (iou >= MIN_IOU))[order]]
-    matches = match_by_score(found[rows], shown[rows], ranks_by_score(scores), len(true_ids))
-    ignored = np.zeros(len(scores), np.bool_)
-    ignored[found[~evaluated[shown] & (share >= MIN_IOU)]] = True
-    return _Found(class_ids, scores, np.where(ignored & (matches == FALSE), IGNORED, matches).astype(np.int32))
-
-
-def _numbers(counts: Sequence[int]) -> I32:
-    return np.repeat(np.arange(len(counts), dtype=np.int32), counts)
+    rows, shown = np.divmod(np.arange(len(found) * len(truth)), max(len(truth), 1))
+    iou, share = _overlaps(found.xyxy[rows].astype(np.float64), truth.xyxy[shown].astype(np.float64))
+    is_van = vans.among(truth.class_ids, truth.labels)
+    fits = vans.fit(truth.class_ids[shown], is_van[shown], found.class_ids[rows])
+    order = np.lexsort((shown, -iou, rows))
+    pairs = order[(is_evaluated[shown] & fits & (iou >= MIN_IOU))[order]]
+    matches = match_by_score(rows[pairs], shown[pairs], ranks_by_score(found.scores), len(truth))
+    ignored = np.zeros(len(found), np.bool_)
+    ignored[rows[~is_evaluated[shown] & (share >= MIN_IOU)]] = True
+    matches = np.where(ignored & (matches == FALSE), IGNORED, matches).astype(np.int32)
+    return _Found(found.class_ids, found.scores, matches)
 
 
 def _overlaps(found: F64, true: F64) -> tuple[F64, F64]:

@@ -1,7 +1,6 @@
 """Counts, precision and recall, of all that is reported and by score, and calibration of scores.
 
-Calibration: Guo et al., On calibration of modern neural networks, ICML 2017, section 2; Brier, Verification of
-forecasts expressed in terms of probability, 1950.
+Calibration: Guo et al., On calibration of modern neural networks, ICML 2017, section 2.
 """
 
 import numpy as np
@@ -10,33 +9,12 @@ from lidcam.pipeline.core.arrays import F32, Bools
 from lidcam.pipeline.evaluation.detection.curves import Curve, ratio
 from lidcam.pipeline.evaluation.evaluation_frame import Figures
 
-_PRECISIONS = (0.5, 0.8, 0.9)
 _BINS = 10
 
 
 def f1(right: int, false: int, truth: int) -> float | None:
     """Harmonic mean of precision and recall; None without true objects."""
     return ratio(2 * right, truth + right + false) if truth else None
-
-
-def best_row(curve: Curve) -> int | None:
-    """Row of the highest F1, of equals the one with the highest score; None where nothing is right."""
-    if not len(curve) or not curve.truth or not curve.right[-1]:
-        return None
-    return int(np.argmax(2 * curve.right / (curve.truth + curve.right + curve.false)))
-
-
-def operating_point(curve: Curve, row: int | None) -> dict[str, float | None]:
-    """Score, precision, recall and F1 if the score of a row of the curve is the threshold."""
-    if row is None:
-        return dict.fromkeys(("score", "precision", "recall", "f1"))
-    right, false = int(curve.right[row]), int(curve.false[row])
-    return {
-        "score": float(curve.scores[row]),
-        "precision": ratio(right, right + false),
-        "recall": ratio(right, curve.truth),
-        "f1": f1(right, false, curve.truth),
-    }
 
 
 def count_figures(curve: Curve, ignored: int, truth_ignored: int) -> dict[str, float | int | None]:
@@ -59,18 +37,8 @@ def count_figures(curve: Curve, ignored: int, truth_ignored: int) -> dict[str, f
     }
 
 
-def threshold_figures(curve: Curve) -> Figures:
-    """Scores to choose a threshold from: that of the best F1, and the lowest that gives each of some precisions."""
-    figures: dict[str, Figures] = {"best_f1": operating_point(curve, best_row(curve))}
-    for precision in _PRECISIONS:
-        reached = np.flatnonzero(curve.precision >= precision)
-        row = int(reached[-1]) if len(reached) and curve.truth else None
-        figures[f"precision_{100 * precision:.0f}"] = operating_point(curve, row)
-    return figures
-
-
 def calibration_figures(scores: F32, is_right: Bools) -> Figures:
-    """Reliability of scores (N,) in [0, 1] in ten bins, and calibration errors; `is_right` (N,): shows an object."""
+    """Reliability of scores (N,) in [0, 1] in ten bins, and the calibration error; `is_right` (N,): shows an object."""
     exact = scores.astype(np.float64)
     bins = np.clip((exact * _BINS).astype(np.intp), 0, _BINS - 1)
     counts = np.bincount(bins, minlength=_BINS)
@@ -80,8 +48,6 @@ def calibration_figures(scores: F32, is_right: Bools) -> Figures:
     gaps = np.abs(means - shares)[counts > 0]
     return {
         "ece": float(np.average(gaps, weights=counts[counts > 0])) if len(scores) else None,
-        "mce": float(gaps.max()) if len(scores) else None,
-        "brier": float(np.mean((exact - is_right) ** 2)) if len(scores) else None,
         "reliability": [
             {
                 "from": row / _BINS,

@@ -1,8 +1,7 @@
 """Average precision over recall, from detections by falling score.
 
-That by distance of the centres, and the errors beside it, are as nuScenes has them: Caesar et al., nuScenes: a
-multimodal dataset for autonomous driving, CVPR 2020, section 3.1; where the paper leaves something open, as its devkit
-does it.
+That by distance of the centres is as nuScenes has it: Caesar et al., nuScenes: a multimodal dataset for autonomous
+driving, CVPR 2020, section 3.1; where the paper leaves something open, as its devkit does it.
 """
 
 from dataclasses import dataclass
@@ -56,7 +55,7 @@ def average_precision(right: npt.NDArray[np.integer], quality: F64, truth: int) 
 
     Args:
         right: (P,) detections that are right from each score upwards, rising.
-        quality: (P,) their share among all detections; or that of their similarities (`aos`).
+        quality: (P,) their share among all detections.
         truth: True objects.
 
     Returns:
@@ -74,38 +73,13 @@ def ratio(part: float, whole: float) -> float | None:
     return float(part / whole) if whole else None
 
 
-def interpolated_ap(recall: F64, precision: F64) -> float:
-    """Mean precision beyond 0.1 at the recalls above 0.1, as a share of its maximum; 0 without points.
+def interpolated_ap(is_right: Bools, truth: int) -> float:
+    """Mean precision beyond 0.1 at the recalls above 0.1, as a share of its maximum; 0 without detections.
 
-    `recall` (P,) does not fall; `precision` (P,) after each detection, by falling score.
+    `is_right` (N,) by falling score; `truth` is not 0.
     """
-    if not len(recall):
+    if not len(is_right):
         return 0.0
-    read = np.interp(_RECALLS, recall, precision, right=0)[_FIRST:]
-    return float(np.maximum(read - _MIN_PRECISION, 0).mean() / (1 - _MIN_PRECISION))
-
-
-def points_of(is_right: Bools, truth: int) -> tuple[F64, F64]:
-    """Recall and precision (N,) after each detection, by falling score; `truth` is not 0."""
     right = np.cumsum(is_right)
-    return right / truth, right / np.arange(1, len(right) + 1)
-
-
-def mean_errors(errors: npt.NDArray[np.floating], scores: F32, is_right: Bools, truth: int) -> F64 | None:
-    """(E,) mean errors over the recalls above 0.1 that are reached, of the means of all detections up to each recall.
-
-    None if no recall above 0.1 is reached. `errors` (R, E) are those of the right ones among detections with falling
-    scores (N,).
-    """
-    if not truth or not len(errors):
-        return None
-    recall, _ = points_of(is_right, truth)
-    # the scores at the recalls are 0 beyond the last one that is reached, and where detections score 0
-    at_recalls = np.interp(_RECALLS, recall, scores.astype(np.float64), right=0)
-    last = int(np.max(np.flatnonzero(at_recalls), initial=0))
-    if last < _FIRST:
-        return None
-    means = np.cumsum(errors.astype(np.float64), axis=0) / np.arange(1, len(errors) + 1)[:, None]
-    rising = scores[is_right].astype(np.float64)[::-1]
-    read = [np.interp(at_recalls[_FIRST : last + 1], rising, column[::-1]) for column in means.T]
-    return np.array([column.mean() for column in read])
+    read = np.interp(_RECALLS, right / truth, right / np.arange(1, len(right) + 1), right=0)[_FIRST:]
+    return float(np.maximum(read - _MIN_PRECISION, 0).mean() / (1 - _MIN_PRECISION))

@@ -5,9 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from lidcam.pipeline.core.rig import Zone
-from lidcam.pipeline.core.settings.config import ALL_CLASSES, Config
+from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.detection.camera_images import CameraImages
-from lidcam.pipeline.evaluation.detection.counts import threshold_figures
 from lidcam.pipeline.evaluation.detection.fusion_gain import fusion_gain
 from lidcam.pipeline.evaluation.detection.gathering import Gathering
 from lidcam.pipeline.evaluation.detection.resampling import Resampling
@@ -30,23 +29,15 @@ class DetectionEvaluation:
             self._images.setdefault(camera, CameraImages(self._config)).add_image(image)
 
     def figures(self) -> Figures:
-        """The figures of all frames: `sources`, `images`, `fusion_gain`, `thresholds`."""
+        """The figures of all frames: `sources`, `images`, `fusion_gain`."""
         found = self._gathering.found()
         site = Site.of(self._config, self._zones, self._gathering)
         sources = {name: Source(site, found[name]) for name in in_order(found)}
         figures = {name: source.figures() for name, source in sources.items()}
         stamps_ns = np.array(self._gathering.stamps_ns, np.int64)
-        samples = self._config.evaluate.bootstrap
-        gain = fusion_gain(sources, figures, Resampling.of(stamps_ns, samples)) if len(stamps_ns) else {}
+        gain = fusion_gain(sources, figures, Resampling.of(stamps_ns)) if len(stamps_ns) else {}
         return {
             "sources": figures,
             "images": {camera: self._images[camera].figures() for camera in sorted(self._images)},
             "fusion_gain": gain,
-            "thresholds": {
-                name: {
-                    class_name: threshold_figures(source.curve(class_id))
-                    for class_id, class_name in [*enumerate(site.class_names), (None, ALL_CLASSES)]
-                }
-                for name, source in sources.items()
-            },
         }

@@ -31,36 +31,28 @@ class Column(IntEnum):
     WIDTH = 4
     HEIGHT = 5
     YAW = 6
-    SCALE = 7
-    NEES = 8
-    NEES_YAW = 9
+    NEES = 7
 
 
-CHI2_95 = {Column.NEES: 5.991464547107979, Column.NEES_YAW: 7.814727903251179}
-"""95th percentiles of chi-square with two and with three degrees of freedom."""
+CHI2_95 = 5.991464547107979
+"""95th percentile of chi-square with two degrees of freedom."""
 
 
 def errors_of_pairs(found: Boxes3D, truth: TruthBoxes3D, rows: Indices, columns: Indices | I32) -> F64:
     """Errors of the detections `rows` (P,), which show the true objects `columns` (P,): detection minus truth.
 
     Returns:
-        (P, 10): along and across the object's heading, up, length, width, height (metres), yaw (radians, in (-pi, pi]),
-        1 - IoU of the sizes alone, as if centre and yaw agreed, and the squared errors over what the covariance of the
-        detection lets expect: of x and y, and of x, y and yaw modulo 180 degrees; NaN without a usable covariance.
+        (P, 8): along and across the object's heading, up, length, width, height (metres), yaw (radians, in (-pi, pi]),
+        and the squared errors of x and y over what the covariance of the detection lets expect; NaN without a usable
+        covariance.
     """
     gap_m = found.centers[rows] - truth.centers[columns]
     cos, sin = np.cos(truth.yaws[columns]), np.sin(truth.yaws[columns])
     along_m, across_m = gap_m[:, 0] * cos + gap_m[:, 1] * sin, gap_m[:, 1] * cos - gap_m[:, 0] * sin
     sizes, true_sizes = found.sizes[rows], truth.sizes[columns]
-    shared_m3 = np.minimum(sizes, true_sizes).prod(1)
-    joined_m3 = sizes.prod(1) + true_sizes.prod(1) - shared_m3
-    scale = 1 - np.divide(shared_m3, joined_m3, out=np.zeros(len(rows)), where=joined_m3 > 0)
     turn = wrap_angle(found.yaws[rows] - truth.yaws[columns])
-    axis_turn = wrap_angle(2 * turn) / 2
-    covariances = found.covariances[rows]
-    nees = _normalised(gap_m[:, :2], covariances[:, :2, :2])
-    nees_yaw = _normalised(np.column_stack([gap_m[:, :2], axis_turn]), covariances)
-    return np.column_stack([along_m, across_m, gap_m[:, 2], sizes - true_sizes, turn, scale, nees, nees_yaw])
+    nees = _normalised(gap_m[:, :2], found.covariances[rows][:, :2, :2])
+    return np.column_stack([along_m, across_m, gap_m[:, 2], sizes - true_sizes, turn, nees])
 
 
 def _normalised(errors: F64, covariances: F64) -> F64:
@@ -106,39 +98,37 @@ def bias(errors: npt.NDArray[np.floating]) -> float | None:
 
 
 def error_figures(errors: npt.NDArray[np.floating]) -> Figures:
-    """Figures of errors (N, 10) as of `errors_of_pairs`; a flip is a heading that is wrong by more than 90 degrees."""
+    """Figures of errors (N, 8) as of `errors_of_pairs`; a flip is a heading that is wrong by more than 90 degrees."""
     turns_deg = np.degrees(np.abs(errors[:, Column.YAW], dtype=np.float64))
     figures: dict[str, Figures | float | None] = {"position_bev_m": spread(bird_eye_m(errors))}
     for name, column in _SIGNED.items():
         figures[name] = {"bias": bias(errors[:, column]), **spread(errors[:, column])}
     figures["heading_deg"] = spread(turns_deg)
     figures["heading_mod_180_deg"] = spread(np.minimum(turns_deg, 180 - turns_deg))
-    figures["nees"] = nees_figures(errors[:, Column.NEES], CHI2_95[Column.NEES])
-    figures["nees_yaw"] = nees_figures(errors[:, Column.NEES_YAW], CHI2_95[Column.NEES_YAW])
+    figures["nees"] = nees_figures(errors[:, Column.NEES])
     figures["flips"] = float(is_flip(errors[:, Column.YAW]).mean()) if len(errors) else None
     return figures
 
 
-def nees_figures(nees: npt.NDArray[np.floating], limit: float) -> dict[str, float | int | None]:
-    """Number and mean of normalised errors (N,), NaN left out, and their share below the 95th percentile `limit`."""
+def nees_figures(nees: npt.NDArray[np.floating]) -> dict[str, float | int | None]:
+    """Number and mean of normalised errors (N,), NaN left out, and their share within the 95 % ellipse."""
     known = nees[~np.isnan(nees)].astype(np.float64)
     count = len(known)
     if not count:
         return {"count": 0, "mean": None, "inside_95": None}
-    return {"count": count, "mean": float(known.mean()), "inside_95": float((known <= limit).mean())}
+    return {"count": count, "mean": float(known.mean()), "inside_95": float((known <= CHI2_95).mean())}
 
 
 def motion_figures(
-    errors: npt.NDArray[np.floating], motion_errors: npt.NDArray[np.floating], moves: Bools, stands: Bools
+    errors: npt.NDArray[np.floating], motion_errors: npt.NDArray[np.floating], moves: Bools
 ) -> dict[str, Figures | float | int | None]:
     """The figures of the motion of detections that show an object.
 
     Args:
-        errors: (N, 10) as of `errors_of_pairs`.
+        errors: (N, 8) as of `errors_of_pairs`.
         motion_errors: (N, 3) velocity along x and y of the ground in m/s, and yaw rate in rad/s, found minus true; NaN
             where either is not known.
         moves: (N,) whether the object moves in the recording.
-        stands: (N,) whether it stands.
     """
     velocities = motion_errors[~np.isnan(motion_errors[:, :2]).any(1), :2].astype(np.float64)
     yaw_rates_deg_s = np.degrees(motion_errors[~np.isnan(motion_errors[:, 2]), 2].astype(np.float64))
@@ -151,7 +141,6 @@ def motion_figures(
             **spread(yaw_rates_deg_s),
         },
         "flips_moving": float(is_flipped[moves].mean()) if moves.any() else None,
-        "flips_standing": float(is_flipped[stands].mean()) if stands.any() else None,
     }
 
 

@@ -10,8 +10,8 @@ from lidcam.pipeline.core.rig import Zone
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.detection.criteria import Criteria
 from lidcam.pipeline.evaluation.detection.errors import Column, errors_of_pairs
-from lidcam.pipeline.evaluation.detection.matching import match_criteria, match_other_classes
-from lidcam.pipeline.evaluation.detection.tables import FALSE, FoundTable, Labels, TruthTable
+from lidcam.pipeline.evaluation.detection.matching import match_criteria
+from lidcam.pipeline.evaluation.detection.tables import FoundTable, Labels, TruthTable
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
 from lidcam.pipeline.evaluation.ignoring import is_evaluated, is_within
 from lidcam.pipeline.evaluation.near_objects import FoundObjects, TrueObjects, pairs_near
@@ -99,7 +99,6 @@ class Gathering:
             class_ids=boxes.class_ids,
             labels=self.labels.numbers(boxes.labels),
             parts=self._parts(boxes.centers),
-            lidar_points=boxes.lidar_points,
             yaws=boxes.yaws.astype(np.float32),
             is_evaluated=is_evaluated(boxes, self._settings),
             track_ids=boxes.track_ids,
@@ -119,14 +118,6 @@ class Gathering:
             is_evaluated=table.is_evaluated,
             is_ignored=~is_within(boxes.centers, self._settings),
         )
-        mistaken = match_other_classes(
-            pairs,
-            criteria.position,
-            matches=matches[:, criteria.position_column],
-            found=boxes,
-            truth=truth.boxes,
-            is_evaluated=table.is_evaluated,
-        )
         errors = np.full((len(found), len(Column)), np.nan, np.float32)
         right = np.flatnonzero(matches[:, criteria.position_column] >= 0)
         errors[right] = errors_of_pairs(boxes, truth.boxes, right, matches[right, criteria.position_column])
@@ -139,7 +130,6 @@ class Gathering:
             parts=self._parts(boxes.centers),
             yaws=boxes.yaws.astype(np.float32),
             matches=np.where(matches >= 0, matches + self._truth_count, matches).astype(np.int32),
-            mistaken=np.where(mistaken >= 0, mistaken + self._truth_count, FALSE).astype(np.int32),
             errors=errors,
             velocities=np.column_stack([velocities, found.motion.yaw_rates]).astype(np.float32),
             is_predicted=found.motion.is_predicted,

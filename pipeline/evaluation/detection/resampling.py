@@ -14,6 +14,9 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices
 from lidcam.pipeline.evaluation.detection.curves import average_precision, last_of_equals
 
+SAMPLES = 1000
+"""Samples drawn for intervals of 95 %."""
+
 _BLOCK_NS = 1_000_000_000
 _MAX_BLOCKS = 1000
 """Largest number of blocks; those of long recordings are longer."""
@@ -32,13 +35,13 @@ class Resampling:
     weights: F64  # (S, B) float64, times that a sample holds a block; a sample holds B blocks
 
     @classmethod
-    def of(cls, stamps_ns: I64, samples: int) -> "Resampling":
+    def of(cls, stamps_ns: I64) -> "Resampling":
         """Samples of the frames at times (F,), at least one; always the same."""
         since_ns = stamps_ns - stamps_ns.min()
         length_ns = max(_BLOCK_NS, -(-(int(since_ns.max()) + 1) // _MAX_BLOCKS))
         _, blocks = np.unique(since_ns // length_ns, return_inverse=True)
         count = int(blocks.max()) + 1
-        draws = np.random.default_rng(_SEED).multinomial(count, np.full(count, 1 / count), size=samples)
+        draws = np.random.default_rng(_SEED).multinomial(count, np.full(count, 1 / count), size=SAMPLES)
         return cls(blocks.astype(np.int64), draws.astype(np.float64))
 
     @property

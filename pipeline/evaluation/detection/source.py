@@ -18,9 +18,8 @@ from lidcam.pipeline.evaluation.detection.averages import (
 )
 from lidcam.pipeline.evaluation.detection.counts import calibration_figures, count_figures
 from lidcam.pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
-from lidcam.pipeline.evaluation.detection.curves import Curve, curve_of, ratio
+from lidcam.pipeline.evaluation.detection.curves import curve_of, ratio
 from lidcam.pipeline.evaluation.detection.errors import (
-    CHI2_95,
     Column,
     bird_eye_m,
     error_figures,
@@ -30,13 +29,11 @@ from lidcam.pipeline.evaluation.detection.errors import (
 )
 from lidcam.pipeline.evaluation.detection.gathering import Gathering
 from lidcam.pipeline.evaluation.detection.matching import by_falling_score
-from lidcam.pipeline.evaluation.detection.tables import FALSE, IGNORED, FoundTable, Scored, TruthTable, scored
-from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Figures
+from lidcam.pipeline.evaluation.detection.tables import IGNORED, FoundTable, Scored, TruthTable, scored
+from lidcam.pipeline.evaluation.evaluation_frame import Figures
 from lidcam.pipeline.evaluation.scales import range_edges_m, range_names
 from lidcam.pipeline.evaluation.true_motion import has_moved, true_velocities
 from lidcam.pipeline.evaluation.vans import as_found
-
-_POINTS = {"0": (0, 0), "1_5": (1, 5), "6_20": (6, 20), "21_50": (21, 50), "51_200": (51, 200), "over_200": (201, None)}
 
 
 class Part(NamedTuple):
@@ -60,7 +57,6 @@ class Site:
     frames_without_truth: int  # Frames that are not
     velocities: F64  # (T, 3) float64, of the true objects over the ground: see `true_velocities`
     moves: Bools  # (T,) bool, which of them move in the recording
-    stands: Bools  # (T,) bool, which stand
 
     @classmethod
     def of(cls, config: Config, zones: Sequence[Zone], gathering: Gathering) -> "Site":
@@ -77,7 +73,6 @@ class Site:
         if config.evaluate.truth_time != "stamp":  # places at other times than the stamps make no velocity
             velocities = np.full_like(velocities, np.nan)
         lengths_m = np.array([one.size_m[0] for one in config.classes])
-        moves, stands = has_moved(truth.class_ids, truth.track_ids, truth.poses, lengths_m)
         return cls(
             class_names=config.class_names,
             criteria=Criteria.of(config),
@@ -87,8 +82,7 @@ class Site:
             frames=len(gathering.stamps_ns),
             frames_without_truth=gathering.frames_without_truth,
             velocities=velocities,
-            moves=moves,
-            stands=stands,
+            moves=has_moved(truth.class_ids, truth.track_ids, truth.poses, lengths_m),
         )
 
     def count(self, is_counted: Bools, part: int | None) -> int:
@@ -128,11 +122,6 @@ class Source:
         """(T,) which true objects of a class are evaluated."""
         return self.site.truth.is_evaluated & _is_of(self.class_ids, class_id)
 
-    def curve(self, class_id: int | None) -> Curve:
-        """The curve by position of a class."""
-        detections = self.scored(class_id, self.site.criteria.position_column)
-        return curve_of(detections.scores, detections.is_right, int(self.is_evaluated(class_id).sum()))
-
     def figures(self) -> Mapping[str, Figures]:
         """All figures, by class."""
         site = self.site
@@ -147,11 +136,10 @@ class Source:
                 **self._at(class_id, None, averages[None]),
                 "frames": site.frames,
                 "frames_without_truth": site.frames_without_truth,
-                **self._recalls(class_id, detections),
+                "labels": self._label_recalls(class_id, detections),
                 "calibration": calibration_figures(detections.scores, detections.is_right),
                 **parts,
             }
-        figures[ALL_CLASSES]["confusion"] = self._confusion()
         return figures
 
     def _order(self, class_id: int | None) -> Indices:
@@ -178,17 +166,13 @@ class Source:
         return overlap_figures(
             self.site.criteria,
             lambda criterion: self.scored(class_id, criterion).within(part),
-            self.found,
-            self.site.truth,
             self.site.count(self.is_evaluated(class_id), part),
         )
 
     def _distances(self, class_id: int, part: int | None) -> Averages:
-        site = self.site
-        criteria = site.criteria
+        criteria = self.site.criteria
         detections = {column: self.scored(class_id, column).within(part) for column in criteria.distance_columns}
-        count = site.count(self.is_evaluated(class_id), part)
-        return distance_figures(criteria, detections, self.found, count, float(criteria.scales[class_id]))
+        return distance_figures(criteria, detections, self.site.count(self.is_evaluated(class_id), part))
 
     def _pooled(self, class_id: int | None, part: int | None) -> dict[str, Figures | float | int | None]:
         site, found = self.site, self.found
@@ -208,7 +192,7 @@ class Source:
     def _errors(self, right: Scored) -> Figures:
         site, errors, truth_rows = self.site, self.found.errors[right.rows], right.truth_rows
         motion_errors = self.found.velocities[right.rows] - site.velocities[truth_rows]
-        motion = motion_figures(errors, motion_errors, site.moves[truth_rows], site.stands[truth_rows])
+        motion = motion_figures(errors, motion_errors, site.moves[truth_rows])
         return {**error_figures(errors), **motion}
 
     def _predicted(self, detections: Scored) -> Figures:
@@ -220,28 +204,19 @@ class Source:
             "right": len(errors),
             "precision": ratio(len(errors), len(predicted)),
             "position_bev_m": spread(bird_eye_m(errors)),
-            "nees": nees_figures(errors[:, Column.NEES], CHI2_95[Column.NEES]),
+            "nees": nees_figures(errors[:, Column.NEES]),
         }
 
-    def _recalls(self, class_id: int | None, detections: Scored) -> dict[str, Figures]:
+    def _label_recalls(self, class_id: int | None, detections: Scored) -> Figures:
+        """Recall by the truth's own labels."""
         truth = self.site.truth
         is_counted = self.is_evaluated(class_id)
         is_right = np.zeros(len(truth), np.bool_)
         is_right[detections.truth_rows[detections.is_right]] = True
-        points = truth.lidar_points
-        within = {
-            name: (points >= low) & (points <= (high if high is not None else points))
-            for name, (low, high) in _POINTS.items()
-        }
-        labels = {
-            name: truth.labels == row
+        return {
+            name: _recall(is_counted & (truth.labels == row), is_right)
             for row, name in sorted(enumerate(self.site.labels), key=lambda item: item[1])
             if (is_counted & (truth.labels == row)).any()
-        }
-        within["unknown"] = points == UNKNOWN
-        return {
-            "points": {name: _recall(is_counted & mask, is_right) for name, mask in within.items()},
-            "labels": {name: _recall(is_counted & mask, is_right) for name, mask in labels.items()},
         }
 
     def _distances_m(self, class_id: int) -> list[Figures]:
@@ -249,28 +224,6 @@ class Source:
         return [
             {"figure": ap_by_distance_name(limit_m), "distance_m": float(limit_m * scale)} for limit_m in DISTANCES_M
         ]
-
-    def _confusion(self) -> Figures:
-        """Counts of the objects that the detections of each class show, by the truth's own labels."""
-        site, found = self.site, self.found
-        matches = found.matches[:, site.criteria.position_column]
-        shown = np.where(matches == FALSE, found.mistaken, matches)
-        classes, labels = len(site.class_names), len(site.labels)
-        cells = site.truth.labels[shown[shown >= 0]] * classes + found.class_ids[shown >= 0]
-        table = np.bincount(cells, minlength=classes * labels).reshape(labels, classes)
-        evaluated = np.bincount(site.truth.labels[site.truth.is_evaluated], minlength=labels)
-        nothing = np.bincount(found.class_ids[shown == FALSE], minlength=classes)
-        rows = [row for row in sorted(range(labels), key=site.labels.__getitem__) if evaluated[row]]
-        return {
-            "labels": {
-                site.labels[row]: {
-                    "found_as": dict(zip(site.class_names, map(int, table[row]), strict=True)),
-                    "missed": int(evaluated[row] - table[row].sum()),
-                }
-                for row in rows
-            },
-            "nothing": dict(zip(site.class_names, map(int, nothing), strict=True)),
-        }
 
 
 def _is_of(class_ids: I32, class_id: int | None) -> Bools:

@@ -21,7 +21,6 @@ class TruthTable(Table):
     class_ids: I32  # (T,) int32, row of the configured classes, or `UNKNOWN`
     labels: I32  # (T,) int32, number of the label
     parts: Bools  # (T, P) bool, parts of the site in which it lies
-    lidar_points: I32  # (T,) int32, or `UNKNOWN`
     yaws: F32  # (T,) float32
     is_evaluated: Bools  # (T,) bool; False for what is neither a miss nor an error
     track_ids: I64  # (T,) int64, the same for the same object in all frames, or `UNKNOWN`
@@ -38,8 +37,7 @@ class FoundTable:
     parts: Bools  # (N, P) bool, parts of the site in which it lies
     yaws: F32  # (N,) float32
     matches: I32  # (N, K) int32 by criterion, row of the true object that the detection shows; or `FALSE`, `IGNORED`
-    mistaken: I32  # (N,) int32, row of the true object of another class that a false detection shows; or `FALSE`
-    errors: F32  # (N, 10) float32, errors of the matches by `Criteria.position`, by `Column`; NaN without a match
+    errors: F32  # (N, 8) float32, errors of the matches by `Criteria.position`, by `Column`; NaN without a match
     velocities: F32  # (N, 3) float32, along x and y of the ground in m/s, and yaw rate in rad/s; NaN where not known
     is_predicted: Bools  # (N,) bool, whether nothing of the object was seen in this frame
 

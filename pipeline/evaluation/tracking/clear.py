@@ -4,8 +4,7 @@ Bernardin and Stiefelhagen, "Evaluating multiple object tracking performance", E
 Ristani et al., "Performance measures and a data set for multi-target, multi-camera tracking", ECCV workshops, 2016.
 
 An object keeps the track that it was matched with last, as long as that is near enough; only then the others are
-assigned, as many as possible, at the smallest sum of distances. Mostly tracked and mostly lost: Wu and Nevatia,
-"Tracking of multiple, partially occluded humans based on static body part detection", CVPR 2006.
+assigned, as many as possible, at the smallest sum of distances.
 """
 
 from dataclasses import dataclass
@@ -13,17 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64, Bools
-from lidcam.pipeline.evaluation.assignment import conflicts, dense_assignment, far_cost, is_alone
+from lidcam.pipeline.evaluation.assignment import dense_assignment, far_cost, is_alone
 from lidcam.pipeline.evaluation.tracking.table import TrackTable
-
-MOSTLY_TRACKED = 0.8
-"""Smallest share of its frames in which a mostly tracked object is matched."""
-
-MOSTLY_LOST = 0.2
-"""Share of its frames below which an object is mostly lost."""
-
-NEVER = (-1, -1)
-"""Frame and track of an object that was never matched."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +31,7 @@ class Matches:
 
 @dataclass(frozen=True, slots=True)
 class ClearCounts:
-    """Sums over all frames, and over all true tracks."""
+    """Sums over all frames."""
 
     truth: int
     found: int
@@ -49,18 +39,13 @@ class ClearCounts:
     switches: int
     distance_m: float
     fragmentations: int
-    mostly_tracked: int
-    partly_tracked: int
-    mostly_lost: int
 
 
 def match_clear(table: TrackTable) -> Matches:
     """Match the objects of each frame with the boxes found, in the order of time."""
     pairs = np.flatnonzero(table.pairs.distances_m < table.max_distance_m)
     first, second = table.pairs.truth[pairs], table.pairs.found[pairs]
-    chosen = is_alone(first, second)
-    if not chosen.all():
-        chosen |= _decided(table, first, second, table.pairs.distances_m[pairs], chosen)
+    chosen = _chosen(table, first, second, table.pairs.distances_m[pairs])
     pairs, first = pairs[chosen], first[chosen]
     order = np.lexsort((table.truth.frames[first], table.truth.tracks[first]))
     truth_tracks, found_tracks = table.truth.tracks[first[order]], table.found.tracks[second[chosen][order]]
@@ -69,50 +54,25 @@ def match_clear(table: TrackTable) -> Matches:
     return Matches(pairs[order], is_switch)
 
 
-def _decided(table: TrackTable, first: I64, second: I64, distances_m: F64, sure: Bools) -> Bools:
-    """The pairs that are chosen where a row is part of several; `sure` are the pairs that need no decision."""
-    before = _last_sure_matches(table, first[sure], second[sure])
-    decided: dict[int, tuple[int, int]] = {}
-    chosen = np.zeros(len(first), np.bool_)
-    truth_rows, found_rows = first.tolist(), second.tolist()
-    truth_tracks, found_tracks = table.truth.tracks[first].tolist(), table.found.tracks[second].tolist()
-    frames = table.truth.frames[first].tolist()
-    rows = np.flatnonzero(~sure)
-    for component in conflicts(first[rows], second[rows]):
-        pairs = rows[component].tolist()
-        done: set[int] = set()
-        taken: set[int] = set()
-        kept = []
-        for pair in pairs:
-            truth, found = truth_rows[pair], found_rows[pair]
-            last = max(decided.get(truth_tracks[pair], NEVER), before[truth])
-            if last[1] == found_tracks[pair] and truth not in done and found not in taken:
-                done.add(truth)
-                taken.add(found)
-                kept.append(pair)
-        rest = [pair for pair in pairs if truth_rows[pair] not in done and found_rows[pair] not in taken]
-        if len(rest) > 1:
+def _chosen(table: TrackTable, first: I64, second: I64, distances_m: F64) -> Bools:
+    """The pairs that are chosen, frame by frame: first those that go on, then the nearest."""
+    chosen, frames, alone = np.zeros(len(first), np.bool_), table.truth.frames[first], is_alone(first, second)
+    names = [*zip(table.truth.tracks[first].tolist(), table.found.tracks[second].tolist(), strict=True)]
+    last: dict[int, int] = {}
+    order = np.argsort(frames, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(frames[order])) + 1) if len(order) else ():
+        kept: dict[int, int] = {}  # pairs that go on, by the row of the box
+        for row in rows.tolist():
+            if last.get(names[row][0]) == names[row][1]:
+                kept.setdefault(int(second[row]), row)
+        chosen[[*kept.values()]] = True
+        rest = rows[~np.isin(first[rows], first[[*kept.values()]]) & ~np.isin(second[rows], [*kept])]
+        if not alone[rest].all():
             costs = distances_m[rest]
-            is_best = dense_assignment(first[rest], second[rest], costs, far_cost(costs))
-            rest = [pair for pair, best in zip(rest, is_best.tolist(), strict=True) if best]
-        chosen[kept + rest] = True
-        decided |= {truth_tracks[pair]: (frames[pair], found_tracks[pair]) for pair in kept + rest}
+            rest = rest[dense_assignment(first[rest], second[rest], costs, far_cost(costs))]
+        chosen[rest] = True
+        last.update(names[row] for row in rows[chosen[rows]].tolist())
     return chosen
-
-
-def _last_sure_matches(table: TrackTable, first: I64, second: I64) -> list[tuple[int, int]]:
-    """For each true object the frame and track of the last match of its track that needed no decision, or `NEVER`."""
-    matched = np.full(len(table.truth), -1, np.int64)
-    matched[first] = table.found.tracks[second]
-    order = np.lexsort((table.truth.frames, table.truth.tracks))
-    places = np.arange(len(order))
-    starts = np.searchsorted(table.truth.tracks[order], table.truth.tracks[order], "left")
-    last = np.maximum.accumulate(np.where(matched[order] >= 0, places, -1))
-    known = last >= starts
-    frames, tracks = np.full(len(order), -1, np.int64), np.full(len(order), -1, np.int64)
-    frames[order[known]] = table.truth.frames[order[last[known]]]
-    tracks[order[known]] = matched[order[last[known]]]
-    return list(zip(frames.tolist(), tracks.tolist(), strict=True))
 
 
 def count_clear(table: TrackTable, matches: Matches) -> ClearCounts:
@@ -122,14 +82,11 @@ def count_clear(table: TrackTable, matches: Matches) -> ClearCounts:
     is_matched = np.zeros(len(order), np.bool_)
     is_matched[rows] = True
     is_matched, tracks = is_matched[order], table.truth.tracks[order]
-    count = table.truth.track_count
-    lengths, tracked = np.bincount(tracks, minlength=count), np.bincount(tracks, is_matched, count)
-    share = tracked / lengths
+    tracked = np.bincount(tracks, is_matched, table.truth.track_count)
     # Every loss counts but the last of a track that is not found again.
     losses = int((is_matched[:-1] & ~is_matched[1:] & (np.diff(tracks) == 0)).sum())
     ends = np.flatnonzero(np.diff(tracks, append=-1))
     lost_for_good = int(((tracked > 0) & ~is_matched[ends]).sum())
-    mostly_tracked, mostly_lost = int((share >= MOSTLY_TRACKED).sum()), int((share < MOSTLY_LOST).sum())
     return ClearCounts(
         truth=len(order),
         found=len(table.found),
@@ -137,9 +94,6 @@ def count_clear(table: TrackTable, matches: Matches) -> ClearCounts:
         switches=int(matches.is_switch.sum()),
         distance_m=float(table.pairs.distances_m[matches.pairs].sum()),
         fragmentations=losses - lost_for_good,
-        mostly_tracked=mostly_tracked,
-        partly_tracked=count - mostly_tracked - mostly_lost,
-        mostly_lost=mostly_lost,
     )
 
 
@@ -156,9 +110,6 @@ def clear_figures(counts: ClearCounts) -> dict[str, float | int | None]:
         "misses": misses,
         "id_switches": counts.switches,
         "fragmentations": counts.fragmentations,
-        "mostly_tracked": counts.mostly_tracked,
-        "partly_tracked": counts.partly_tracked,
-        "mostly_lost": counts.mostly_lost,
     }
 
 

@@ -18,7 +18,6 @@ from lidcam.pipeline.evaluation.near_objects import Candidates, FoundObjects, Tr
 from lidcam.pipeline.evaluation.pieces import Pieces
 from lidcam.pipeline.evaluation.scales import length_scales
 from lidcam.pipeline.evaluation.tracking.table import TrackRows, TrackTable
-from lidcam.pipeline.evaluation.true_motion import ground_poses
 from lidcam.pipeline.evaluation.vans import Vans
 
 MAX_DISTANCE_M = 2.0
@@ -30,11 +29,10 @@ BLOCK_FRAMES = 128
 class _Source:
     """The boxes of one source."""
 
-    def __init__(self, class_count: int) -> None:
-        self.found = Pieces(TrackRows, poses=(3,))
+    def __init__(self) -> None:
+        self.found = Pieces(TrackRows)
         self.pairs = Pieces(Candidates)
         self.count = 0
-        self.without_track = np.zeros(class_count, np.int64)
         self.has_tracks = False
 
 
@@ -47,7 +45,7 @@ class Collection:
         self._max_distances_m = MAX_DISTANCE_M * self._scales
         self._frames: list[EvaluationFrame] = []
         self._stamps_ns: list[int] = []
-        self._truth = Pieces(TrackRows, poses=(3,))
+        self._truth = Pieces(TrackRows)
         self._truth_count = 0
         self._vans, self._is_van = Vans(config), [np.zeros(0, np.bool_)]
         self._tracked_truth = self._untracked_truth = 0
@@ -82,7 +80,7 @@ class Collection:
         frames, self._frames = self._frames, []
         if not frames:
             return
-        first, T_fixed_site = len(self._stamps_ns) - len(frames), [frame.T_fixed_site for frame in frames]
+        first = len(self._stamps_ns) - len(frames)
         truth = TrueObjects.of([frame.truth for frame in frames if frame.truth is not None], first)
         boxes, no_scores = truth.boxes, np.zeros(len(truth))
         is_tracked = boxes.track_ids != UNKNOWN  # an object whose track is not known cannot be followed
@@ -92,13 +90,12 @@ class Collection:
         rows = _rows_in_order(truth.frames, boxes.class_ids, boxes.track_ids, no_scores, is_counted)
         counted, ignored = select_rows(truth, rows), select_rows(truth, np.setdiff1d(np.arange(len(truth)), rows))
         for name in dict.fromkeys(name for frame in frames for name in frame.sources):
-            source = self._sources.setdefault(name, _Source(len(self._config.classes)))
+            source = self._sources.setdefault(name, _Source())
             self._add_found(
                 source, FoundObjects.of([frame.sources.get(name) for frame in frames], first), counted, ignored
             )
         boxes, no_scores = counted.boxes, no_scores[: len(counted)]
-        poses = ground_poses(boxes.centers, boxes.yaws, counted.frames, T_fixed_site, first)
-        self._truth.append(TrackRows.of(counted.frames, boxes, boxes.class_ids, boxes.track_ids, no_scores, poses))
+        self._truth.append(TrackRows(counted.frames, boxes.class_ids, boxes.track_ids, boxes.yaws, no_scores))
         self._is_van.append(self._vans.among(boxes.class_ids, boxes.labels))
         self._truth_count += len(counted)
 
@@ -106,7 +103,6 @@ class Collection:
         source.has_tracks |= bool((found.track_ids != UNKNOWN).any())
         class_ids, scores = found.boxes.class_ids, found.boxes.scores.astype(np.float64)
         rows = _rows_in_order(found.frames, class_ids, found.track_ids, scores, found.track_ids != UNKNOWN)
-        source.without_track += np.bincount(np.delete(class_ids, rows), minlength=len(source.without_track))
         found = select_rows(found, rows)
         class_ids, scores = found.boxes.class_ids, scores[rows]
         pairs = pairs_near(found, counted, self._scales)
@@ -122,8 +118,7 @@ class Collection:
             kept[close.found[assign_nearest(close.truth, close.found, close.distances_m)]] = True
             pairs = pairs.among(np.ones(len(counted), np.bool_), kept)
             found, class_ids, scores = select_rows(found, kept), class_ids[kept], scores[kept]
-        no_poses = np.full((len(found), 3), np.nan)  # only the truth says what moves
-        source.found.append(TrackRows.of(found.frames, found.boxes, class_ids, found.track_ids, scores, no_poses))
+        source.found.append(TrackRows(found.frames, class_ids, found.track_ids, found.boxes.yaws, scores))
         rows_so_far = pairs.truth + self._truth_count, pairs.found + source.count
         source.pairs.append(Candidates(*rows_so_far, pairs.bev, pairs.volume, pairs.distances_m))
         source.count += len(found)
@@ -148,8 +143,6 @@ class Collection:
             found.numbered(is_found),
             source.pairs.table().among(is_true, is_found),
             float(self._max_distances_m[class_id]),
-            self._config.classes[class_id].size_m[0],
-            int(source.without_track[class_id]),
         )
 
 

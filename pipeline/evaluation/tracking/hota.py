@@ -27,17 +27,14 @@ class HotaCounts:
     association_precision: F64  # (A,) float64, of the share of the track found
 
 
-def similarity_of_distance(table: TrackTable) -> F64:
-    """(P,) 1 where the centres are the same, 0 from the largest distance of a match on."""
-    return np.maximum(0.0, 1 - table.pairs.distances_m / table.max_distance_m)
-
-
-def count_hota(table: TrackTable, similarity: F64) -> HotaCounts:
+def count_hota(table: TrackTable) -> HotaCounts:
     """The counts of one class.
 
-    The pairs of a frame are chosen once, for all thresholds: the assignment with the largest sum of the similarity of
-    the boxes times that of their tracks. `similarity` (P,) is in [0, 1].
+    The similarity of a pair is 1 where the centres are the same, and 0 from the largest distance of a match on. The
+    pairs of a frame are chosen once, for all thresholds: the assignment with the largest sum of the similarity of the
+    boxes times that of their tracks.
     """
+    similarity = np.maximum(0.0, 1 - table.pairs.distances_m / table.max_distance_m)
     near = np.flatnonzero(similarity > 0)
     first, second, similarity = table.pairs.truth[near], table.pairs.found[near], similarity[near]
     lengths = np.bincount(table.truth.tracks), np.bincount(table.found.tracks)

@@ -4,8 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Rows, Table
-from lidcam.pipeline.core.geometry.rotated_iou import OrientedBoxes
+from lidcam.pipeline.core.arrays import F64, I32, I64, Rows, Table
 from lidcam.pipeline.evaluation.near_objects import Candidates
 
 
@@ -17,15 +16,7 @@ class TrackRows(Table):
     class_ids: I32  # (N,) int32
     tracks: I64  # (N,) int64
     yaws: F64  # (N,) float64
-    ranges_m: F64  # (N,) float64, from the origin, along the ground
     scores: F64  # (N,) float64; 0 for a true object
-    poses: F64  # (N, 3) float64, x, y (metres) and yaw over the ground; NaN where that is not known
-
-    @classmethod
-    def of(cls, frames: I32, boxes: OrientedBoxes, class_ids: I32, tracks: I64, scores: F64, poses: F64) -> "TrackRows":
-        """The rows of boxes (N,)."""
-        ranges_m = np.hypot(boxes.centers[:, 0], boxes.centers[:, 1])
-        return cls(frames, class_ids, tracks, boxes.yaws, ranges_m, scores, poses)
 
     @property
     def track_count(self) -> int:
@@ -50,11 +41,3 @@ class TrackTable:
     found: TrackRows  # M boxes found
     pairs: Candidates  # Pairs of `truth` and `found` that are near enough to be one object, or overlap
     max_distance_m: float  # From this distance on a pair is no match
-    length_m: float  # Length of the class
-    # Boxes found that have no track, or share it with another box of their frame; not in the table
-    without_track: int = 0
-
-    def part(self, truth: Bools, found: Bools) -> "TrackTable":
-        """The true objects (N,) and boxes (M,) that are kept."""
-        pairs = self.pairs.among(truth, found)
-        return replace(self, truth=self.truth.numbered(truth), found=self.found.numbered(found), pairs=pairs)

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Generic, NamedTuple, TypeVar
 
-from lidcam.pipeline.stages.sync.policy import DropReason, OnItemDrop
+from lidcam.pipeline.stages.sync.drop_reason import DropReason, OnItemDrop
 
 T = TypeVar("T")
 

@@ -5,10 +5,10 @@ queue overflows. An item nearest to two reference items goes to the nearer one, 
 """
 
 from bisect import insort
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from typing import Generic, TypeVar
 
-from lidcam.pipeline.stages.sync.policy import DropReason, OnItemDrop
+from lidcam.pipeline.stages.sync.drop_reason import DropReason, OnItemDrop
 
 R = TypeVar("R")
 T = TypeVar("T")
@@ -23,35 +23,29 @@ class NearestPartners(Generic[R, T]):
     and nearer to that one, is left to it.
 
     Args:
-        topics: Topic names, for the drop reasons. Methods take indices.
-        required: Topics without which a reference item is dropped.
-        awaited: Topics that are waited for until `wait_for` says otherwise.
+        topic_count: Number of topics.
         queue_size: Items held per topic.
         max_references: Reference items held.
         slop_ns: Largest distance to the reference item, inclusive.
         on_drop: Called for each item that is no partner.
-        on_reference_drop: Called for each reference item that lacks a required partner, or arrived too late.
+        on_reference_drop: Called for each reference item that arrived too late.
     """
 
     def __init__(
         self,
-        topics: Sequence[str],
+        topic_count: int,
         *,
-        required: Collection[int],
-        awaited: Collection[int],
         queue_size: int,
         max_references: int,
         slop_ns: int,
         on_drop: OnItemDrop[T],
         on_reference_drop: OnItemDrop[R],
     ) -> None:
-        self._topics = tuple(topics)
-        self._required = frozenset(required)
-        self._awaited = tuple(awaited)
+        self._awaited: tuple[int, ...] = ()  # until `wait_for` says otherwise
         self._references: list[tuple[int, R, Collection[int]]] = []  # by stamp, then arrival, as the queues
-        self._queues: list[list[tuple[int, T]]] = [[] for _ in topics]
-        self._newest_ns: list[int | None] = [None] * len(topics)
-        self._taken_ns: list[int | None] = [None] * len(topics)
+        self._queues: list[list[tuple[int, T]]] = [[] for _ in range(topic_count)]
+        self._newest_ns: list[int | None] = [None] * topic_count
+        self._taken_ns: list[int | None] = [None] * topic_count
         self._resolved_ns: int | None = None
         self._queue_size = queue_size
         self._max_references = max_references
@@ -145,22 +139,15 @@ class NearestPartners(Generic[R, T]):
         return True
 
     def _resolve_next(self) -> list[tuple[R, dict[int, T]]]:
-        """Remove the first reference item; with its partners, if it has all that are required."""
+        """Remove the first reference item, with its partners."""
         stamp_ns, item, complete = self._references.pop(0)
         self._resolved_ns = stamp_ns
-        rows: dict[int, int] = {}
+        partners: dict[int, T] = {}
         for topic, queue in enumerate(self._queues):
             row = self._partner(topic, stamp_ns) if queue and topic not in complete else None
             if row is not None:
-                rows[topic] = row
-            elif topic in self._required and topic not in complete:
-                self._on_reference_drop(item, f"no message of {self._topics[topic]} within slop")
-                self._drop_unreachable()
-                return []
-        partners: dict[int, T] = {}
-        for topic, row in rows.items():
-            self._drop_first(topic, row, DropReason.LEFT_OUT)
-            self._taken_ns[topic], partners[topic] = self._queues[topic].pop(0)
+                self._drop_first(topic, row, DropReason.LEFT_OUT)
+                self._taken_ns[topic], partners[topic] = queue.pop(0)
         self._drop_unreachable()
         return [(item, partners)]
 
@@ -211,55 +198,6 @@ class NearestPartners(Generic[R, T]):
         del self._queues[topic][:count]
         for _, item in dropped:
             self._on_drop(item, reason)
-
-
-class Nearest(Generic[T]):
-    """One set per reference message that has a message of every other topic within slop; see `NearestPartners`.
-
-    Args:
-        topics: Topic names, for the drop reasons.
-        reference: Index of the reference topic.
-        queue_size: Messages held per topic.
-        slop_ns: Largest distance to the reference message, inclusive.
-        on_drop: Called for each message that is in no set.
-    """
-
-    def __init__(
-        self, topics: Sequence[str], *, reference: int, queue_size: int, slop_ns: int, on_drop: OnItemDrop[T]
-    ) -> None:
-        self._reference = reference
-        self._topic_count = len(topics)
-        others = [topic for topic in range(len(topics)) if topic != reference]
-        self._partners: NearestPartners[T, T] = NearestPartners(
-            topics,
-            required=others,
-            awaited=others,
-            queue_size=queue_size,
-            max_references=queue_size,
-            slop_ns=slop_ns,
-            on_drop=on_drop,
-            on_reference_drop=on_drop,
-        )
-
-    def add_item(self, topic: int, stamp_ns: int, item: T) -> Sequence[tuple[T, ...]]:
-        """Add a message, and return the sets now certain."""
-        if topic == self._reference:
-            return self._sets(self._partners.add_reference(stamp_ns, item))
-        return self._sets(self._partners.add_item(topic, stamp_ns, item))
-
-    def flush(self) -> Sequence[tuple[T, ...]]:
-        """The sets of the reference messages that were still waiting."""
-        return self._sets(self._partners.flush())
-
-    def close(self) -> None:
-        """Report all messages still held as dropped."""
-        self._partners.close()
-
-    def _sets(self, resolved: Sequence[tuple[T, Mapping[int, T]]]) -> list[tuple[T, ...]]:
-        return [
-            tuple(item if topic == self._reference else partners[topic] for topic in range(self._topic_count))
-            for item, partners in resolved
-        ]
 
 
 def _nearest_row(queue: Sequence[tuple[int, object]], count: int, stamp_ns: int) -> int:

@@ -5,14 +5,15 @@ to the reference message. When a topic falls silent or comes back, the required 
 with the messages that are in no set yet.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.stages.sync.approximate_time import ApproximateTime
 from lidcam.pipeline.stages.sync.attendance import Attendance
+from lidcam.pipeline.stages.sync.drop_reason import OnItemDrop
 from lidcam.pipeline.stages.sync.liveness import MAX_PERIODS, Liveness
 from lidcam.pipeline.stages.sync.nearest import NearestPartners
-from lidcam.pipeline.stages.sync.policy import OnItemDrop, Policy
 
 
 class Item(NamedTuple):
@@ -29,10 +30,6 @@ class FoundSet(NamedTuple):
     by_topic: Mapping[int, RawMessage]  # All, by the topic's index
 
 
-MakePolicy = Callable[[Sequence[str], int, OnItemDrop[Item]], Policy[Item]]
-"""Makes the policy for these topics, the one of this index being the reference."""
-
-
 class PartialSets:
     """Finds sets; every message ends up in one set or is reported as dropped.
 
@@ -41,9 +38,9 @@ class PartialSets:
         required: Topics that a set needs while they are alive.
         reference: Topic whose messages are the reference while it is alive and required; else it is the first required
             one that is alive.
-        make_policy: Finds the sets of the required topics.
         queue_size: Messages held per required topic, and sets that wait for their partners; twice as many messages are
             held per other topic.
+        max_interval_ns: Largest spread of the required topics' messages; None for no bound.
         slop_ns: Largest distance of the other topics' messages to the reference message.
         liveness: Of `topics`.
         attendance: Records when topics fall silent and come back.
@@ -56,8 +53,8 @@ class PartialSets:
         *,
         required: Sequence[str],
         reference: str,
-        make_policy: MakePolicy,
         queue_size: int,
+        max_interval_ns: int | None,
         slop_ns: int,
         liveness: Liveness,
         attendance: Attendance,
@@ -67,8 +64,7 @@ class PartialSets:
         self._index = {topic: index for index, topic in enumerate(topics)}
         self._required = [self._index[topic] for topic in required]
         self._preferred = self._index[reference]
-        self._make_policy = make_policy
-        self._queue_size = queue_size
+        self._queue_size, self._max_interval_ns = queue_size, max_interval_ns
         self._slop_ns = slop_ns
         self._liveness = liveness
         self._attendance = attendance
@@ -83,11 +79,9 @@ class PartialSets:
         self._core: tuple[int, ...] = ()
         self._place: dict[int, int] = {}
         self._reference = self._preferred
-        self._policy: Policy[Item]
+        self._policy: ApproximateTime[Item]
         self._partners: NearestPartners[tuple[Item, ...], Item] = NearestPartners(
-            topics,
-            required=(),
-            awaited=(),
+            len(topics),
             queue_size=2 * queue_size,  # the policy may hold as many reference messages as the partners do
             max_references=queue_size,
             slop_ns=slop_ns,
@@ -233,8 +227,9 @@ class PartialSets:
             held.clear()
         self._core, self._place = core, {topic: place for place, topic in enumerate(core)}
         self._reference = self._preferred if self._preferred in core else core[0]
-        names = [self._topics[topic] for topic in core]
-        self._policy = self._make_policy(names, self._place[self._reference], self._drop_item)
+        self._policy = ApproximateTime(
+            len(core), queue_size=self._queue_size, max_interval_ns=self._max_interval_ns, on_drop=self._drop_item
+        )
         found: list[FoundSet] = []
         for _, topic, item in sorted(items):
             found += self._insert(topic, item)

@@ -1,9 +1,8 @@
-"""Bundles of the messages of one moment, from a stream of undecoded messages, by the configured policy."""
+"""Bundles of the messages of one moment, from a stream of undecoded messages."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 from lidcam.pipeline.core.errors import ConfigError, RecordingError
 from lidcam.pipeline.core.frame import SensorBundle
@@ -12,11 +11,7 @@ from lidcam.pipeline.core.settings.sync import SyncConfig
 from lidcam.pipeline.stages.sync.approximate_time import ApproximateTime
 from lidcam.pipeline.stages.sync.attendance import Attendance
 from lidcam.pipeline.stages.sync.liveness import Liveness
-from lidcam.pipeline.stages.sync.nearest import Nearest
 from lidcam.pipeline.stages.sync.partial_sets import FoundSet, PartialSets
-from lidcam.pipeline.stages.sync.policy import OnItemDrop, Policy
-
-T = TypeVar("T")
 
 
 @dataclass(slots=True)
@@ -61,7 +56,7 @@ def synchronize(
     Args:
         messages: In order of log time; equal times in order of (file, position).
         topics: Topics of the bundles, in this order.
-        config: Policy and its parameters.
+        config: Limits of queues and distances.
         reference: One of `topics`, whose message gives a bundle its stamp and log time while it is alive.
         required: Topics that a bundle needs while they are alive; the others join it (`PartialSets`). None: every
             bundle has a message of each topic, as in message_filters.
@@ -92,16 +87,20 @@ def synchronize(
     stats = SyncStats() if stats is None else stats
     for topic in topics:
         stats.received.setdefault(topic, 0)
+    max_interval_ns = None if config.max_interval_s is None else _nanoseconds(config.max_interval_s)
     finder: _FullSets | PartialSets
     if required is None:
-        finder = _FullSets(topics, _policy(config, topics, topics.index(reference), drop), reference)
+        policy = ApproximateTime(
+            len(topics), queue_size=config.queue_size, max_interval_ns=max_interval_ns, on_drop=drop
+        )
+        finder = _FullSets(topics, policy, reference)
     else:
         finder = PartialSets(
             topics,
             required=required,
             reference=reference,
-            make_policy=lambda names, place, on_item_drop: _policy(config, names, place, on_item_drop),
             queue_size=config.queue_size,
+            max_interval_ns=max_interval_ns,
             slop_ns=_nanoseconds(config.slop_s),
             liveness=Liveness(len(topics), silent_after_ns=_nanoseconds(config.silent_after_s)),
             attendance=stats.attendance,
@@ -143,9 +142,9 @@ def _counted(messages: Iterable[RawMessage], received: dict[str, int], waiting: 
 
 
 class _FullSets:
-    """Sets of a policy, each with a message of every topic; used as `PartialSets`."""
+    """Sets that each have a message of every topic; used as `PartialSets`."""
 
-    def __init__(self, topics: Sequence[str], policy: Policy[RawMessage], reference: str) -> None:
+    def __init__(self, topics: Sequence[str], policy: ApproximateTime[RawMessage], reference: str) -> None:
         self._place = {topic: index for index, topic in enumerate(topics)}
         self._policy, self._reference = policy, self._place[reference]
 
@@ -196,20 +195,6 @@ def _bundles(
         dropped_before.clear()
         stats.count(bundle)
         yield bundle
-
-
-def _policy(config: SyncConfig, topics: Sequence[str], reference: int, on_drop: OnItemDrop[T]) -> Policy[T]:
-    slop_ns = _nanoseconds(config.slop_s)
-    match config.policy:
-        case "approximate_time":
-            return ApproximateTime(
-                len(topics),
-                queue_size=config.queue_size,
-                max_interval_ns=None if config.max_interval_s is None else _nanoseconds(config.max_interval_s),
-                on_drop=on_drop,
-            )
-        case "nearest":
-            return Nearest(topics, reference=reference, queue_size=config.queue_size, slop_ns=slop_ns, on_drop=on_drop)
 
 
 def _nanoseconds(seconds: float) -> int:

@@ -5,7 +5,7 @@ from frames import RIG
 
 from lidcam.checks.clocks import clock_notes, clocks_off, jump_warnings, late_warnings
 from lidcam.pipeline.stages.sync.clocks import Clocks, TimeJump
-from lidcam.pipeline.stages.sync.policy import DropReason
+from lidcam.pipeline.stages.sync.drop_reason import DropReason
 from lidcam.run.missing import MissingSensor
 
 S = 10**9

@@ -70,7 +70,7 @@ def of_all(**figures: int) -> dict[str, Any]:
             {"fusion_gain": {"car": {"blocks": 2, "ap_bev_r40_50": TAKES_AWAY}}},
             [
                 "fused: car: fusion takes away 0.10 AP (-0.15 to -0.05) from lidar alone; look at the calibration and "
-                "the 2D boxes of the cameras, and at the settings associate and fuse"
+                "the 2D boxes of the cameras, and at the settings fuse"
             ],
         ),
     ],

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
 from lidcam.pipeline.evaluation.scales import (
     is_flip,
     length_scales,
@@ -24,8 +23,6 @@ def test_ranges_are_as_long_as_the_first_class() -> None:
     small = config.model_copy(update={"classes": (config.classes[0].model_copy(update={"size_m": (0.3, 0.1, 0.1)}),)})
     assert range_names(range_edges_m(config)) == ("0_10", "10_20", "20_40", "40_80", "over_80")
     assert range_names(range_edges_m(small)) == ("0_0p75", "0p75_1p5", "1p5_3", "3_6", "over_6")
-    given = Config(evaluate=EvaluateConfig(ranges_m=(5, 7.5)))
-    assert range_names(range_edges_m(given)) == ("5_7p5", "over_7p5")
 
 
 def test_a_range_holds_its_nearer_edge() -> None:

@@ -82,26 +82,23 @@ def test_what_has_no_velocity(frames: list[int], tracks: list[int], stamps_ns: l
     assert np.isnan(velocities(frames, [(0, 0, 0)] * len(frames), tracks, stamps_ns)).all()
 
 
-def test_what_moves_and_what_stands() -> None:
+def test_what_moves() -> None:
     """Class 0 is 4 m long, class 1 is 1 m; of track 5 both have one, and the place of one row is not known."""
     rows = [
-        # class, track, x, y, moves, stands
-        (0, 5, 0.0, 0.0, False, True),
-        (1, 5, 0.0, 0.0, True, False),
-        (0, 5, 2.8, 2.8, False, True),
-        (1, 5, 0.8, 0.8, True, False),
-        (0, 6, 0.0, 9.0, True, False),
-        (0, 6, 3.0, 12.0, True, False),
-        (0, 6, np.nan, 0.0, False, False),
-        (0, UNKNOWN, 0.0, 0.0, False, False),
-        (0, UNKNOWN, 99.0, 0.0, False, False),
-        (UNKNOWN, 7, 0.0, 0.0, False, False),
+        # class, track, x, y, moves
+        (0, 5, 0.0, 0.0, False),
+        (1, 5, 0.0, 0.0, True),
+        (0, 5, 2.8, 2.8, False),
+        (1, 5, 0.8, 0.8, True),
+        (0, 6, 0.0, 9.0, True),
+        (0, 6, 3.0, 12.0, True),
+        (0, 6, np.nan, 0.0, False),
+        (0, UNKNOWN, 0.0, 0.0, False),
+        (0, UNKNOWN, 99.0, 0.0, False),
+        (UNKNOWN, 7, 0.0, 0.0, False),
     ]
     for some in (rows, rows[:1], [], rows[::-1]):
-        table = np.array(some, np.float64).reshape(-1, 6)
+        table = np.array(some, np.float64).reshape(-1, 5)
         poses = np.column_stack([table[:, 2:4], np.zeros(len(table))])
-        moves, stands = has_moved(
-            table[:, 0].astype(np.int32), table[:, 1].astype(np.int64), poses, np.array([4.0, 1.0])
-        )
+        moves = has_moved(table[:, 0].astype(np.int32), table[:, 1].astype(np.int64), poses, np.array([4.0, 1.0]))
         assert_array_equal(moves, table[:, 4] == 1)
-        assert_array_equal(stands, table[:, 5] == 1)

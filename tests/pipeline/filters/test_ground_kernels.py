@@ -31,11 +31,6 @@ def test_lowest_of_cells(count: int, cell_m: float) -> None:
     np.testing.assert_array_equal(kernels.lowest_of_cells(xyz, cell_m), order[is_first])
 
 
-def test_of_equally_low_points_the_first_is_taken_and_far_cells_are_one() -> None:
-    xyz = np.array([[5, 1, 5, 1, 1e12, 3e12], [5, 1, 5, 1, 0, 0], [2, 1, 2, 0, 7, 6]], np.float32)
-    assert kernels.lowest_of_cells(xyz, 3).tolist() == [3, 0, 5]
-
-
 def heights_of(xyz: F32, plane: F32) -> F32:
     heights: F32 = xyz[0] * plane[0] + xyz[1] * plane[1] + xyz[2] * plane[2] + plane[3]
     return heights
@@ -51,22 +46,9 @@ def test_counts(count: int) -> None:
         assert (held, beside) == (within, max(below, above))
 
 
-def test_limits_belong_to_the_layers() -> None:
-    xyz = np.array([[0, 0, 0, 0, 0, 0, 0, 0]] * 2 + [[-3, -2, -1, -0.5, 0, 1, 2, 3]], np.float32)
-    held, beside = kernels.count_layers(xyz, np.array([[0, 0, 1, 0]], np.float32), 1)
-    assert (held.tolist(), beside.tolist()) == ([3], [2])
-
-
 def is_scatter(centre: F64, scatter: F64, near: F32) -> None:
     np.testing.assert_allclose(centre, near.mean(axis=1, dtype=float), rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(scatter, np.cov(near, bias=True, dtype=float), rtol=1e-11, atol=1e-12)
-
-
-@pytest.mark.parametrize("count", [3, 5000])
-def test_scatter(count: int) -> None:
-    xyz = points(count)
-    near = xyz[:, np.abs(heights_of(xyz, PLANE)) <= np.float32(0.4)]
-    is_scatter(*kernels.scatter_within(xyz, PLANE, 0.4), near)
 
 
 def same_near(xyz: F32, layer_m: float) -> None:
@@ -111,10 +93,3 @@ def test_points_on_the_ground(count: int, distance_m: float, offset_m: float) ->
     np.testing.assert_array_equal(level, np.flatnonzero(kept & on_plane))
     on_ground = np.abs(height - relief.offset_m(xyz[:, :2])) <= distance_m
     np.testing.assert_array_equal(above, np.flatnonzero(~on_ground))
-
-
-def test_limits_of_the_relief_belong_to_the_ground() -> None:
-    xyz = np.array([[10, 0, 1], [9, 0, -0.5], [5, 0, 0.25], [0, 0, 0], [0, 0, -1.5], [-5, 0, -0.5]], np.float32)
-    flat, grid = np.array([0, 0, 1, 0], np.float32), np.array([[-1.0, 0.5], [-1.0, 0.5]])  # from x = 0 to 10
-    above = kernels.parted(xyz, np.ones(6, np.bool_), flat, 0.5, np.zeros(2), 10.0, grid)[2]
-    assert above.tolist() == [1, 3]

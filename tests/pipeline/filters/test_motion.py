@@ -6,11 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
-from lidcam.pipeline.core.geometry.transform import Transform
-from lidcam.pipeline.filters.motion import coordinates, deskew
-from lidcam.pipeline.native.kernels import in_range, moved
+from lidcam.pipeline.filters.motion import deskew
 
 MS = 1_000_000
 STAMP_NS = 1_317_617_735_000_000_000
@@ -70,11 +68,6 @@ def test_moves_each_point_as_its_own_pose_does(offset_us: list[int], yaw_rate: f
     np.testing.assert_allclose(found, np.array(expected), atol=1e-4)
 
 
-def test_no_points() -> None:
-    found = deskew(np.zeros((0, 3), np.float32), np.zeros(0, np.int64), STAMP_NS, motion(-100, 100))
-    assert found.shape == (0, 3)
-
-
 @pytest.mark.parametrize(
     ("stamps_ms", "span_ms", "expected"),
     [
@@ -100,37 +93,3 @@ def test_covers(stamps_ms: tuple[int, ...], span_ms: tuple[int, int], expected: 
 
 
 # --- single passes
-
-
-def points(count: int) -> F32:
-    xyz = np.random.default_rng(count).normal(0, 20, (count, 3)).astype(np.float32)
-    xyz.flags.writeable = False
-    return xyz
-
-
-@pytest.mark.parametrize("count", [0, 1, 1000])
-def test_in_range(count: int) -> None:
-    xyz = points(count)
-    x, y, z = xyz.T
-    range_m = np.sqrt(x * x + y * y + z * z)
-    np.testing.assert_array_equal(in_range(xyz, 10.0, 30.0), (range_m >= 10) & (range_m <= 30))
-
-
-def test_limits_of_range_belong_to_it_and_the_origin_does_not() -> None:
-    xyz = np.array([[0, 0, 0], [3, 4, 0], [0, 5.1, 0], [0, 0, -1], [0.5, 0, 0], [3e19, 0, 0]], np.float32)
-    assert in_range(xyz, 1.0, 5.0).tolist() == [False, True, False, True, False, False]
-    assert in_range(xyz, 0.0, 1e300).tolist() == [False, True, True, True, True, True]
-
-
-@pytest.mark.parametrize("count", [0, 1, 1000])
-def test_moved(count: int) -> None:
-    turn = Transform.from_quaternion("site", "lidar", [1, 2, 3], [0.1, -0.2, 0.3, 0.9])
-    expected = turn.apply(points(count))
-    np.testing.assert_array_equal(moved(points(count), turn.matrix[:3].astype(np.float32)), expected)
-
-
-@pytest.mark.parametrize("count", [0, 1, 1000])
-@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
-def test_coordinates(count: int, share: float) -> None:
-    kept = np.random.default_rng(1).random(count) < share
-    np.testing.assert_array_equal(coordinates(points(count), kept), points(count)[kept].T)

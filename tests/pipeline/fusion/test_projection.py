@@ -72,7 +72,7 @@ def test_within_the_image_it_is_the_rectangle_that_association_uses(camera: Came
     table = rng.uniform(low, high, (200, 7))
     found = edges(table, camera)
     corners = box_corners(table[:, [0, 1, 6]], table[:, 3:6], table[:, 2])
-    projected = camera.project_boxes(corners, "site")
+    projected = camera.model.project_boxes(camera.T_camera_site.apply(corners))
     size = np.array([camera.model.width_px, camera.model.height_px] * 2)
     inside = found.valid & ((found.xyxy > 0) & (found.xyxy < size)).all(1)
     assert inside.sum() > 10

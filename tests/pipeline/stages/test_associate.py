@@ -1,4 +1,3 @@
-import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -8,12 +7,10 @@ from detections import boxes2d, boxes3d, camera_rig, forward_camera
 from fusion_stages import associate_of
 from hypothesis import given
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
-from lidcam.pipeline.core.arrays import F64, Array
+from lidcam.pipeline.core.arrays import Array
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Matches
 from lidcam.pipeline.core.rig import CameraSensor, Rig
-from lidcam.pipeline.stages.associate import Pairs, best_pairs
 
 Row = tuple[float, ...]
 
@@ -156,38 +153,3 @@ def test_order_of_boxes_does_not_matter(rows3: list[Any], rows2: list[Any], rand
         return sorted((three[i], two[j], float(v)) for (i, j), v in zip(found.pairs, found.iou, strict=True))
 
     assert named(straight, rows3, rows2) == named(mixed, [rows3[i] for i in order3], [rows2[i] for i in order2])
-
-
-def all_pairs(worth: F64) -> Pairs:
-    seen, found = (np.asarray(rows, np.int64) for rows in np.indices(worth.shape).reshape(2, -1))
-    return Pairs(seen, found, np.zeros(worth.size))
-
-
-@given(
-    st.tuples(st.integers(0, 4), st.integers(0, 4), st.integers(1, 2)).flatmap(
-        lambda shape: arrays(np.float64, shape, elements=st.sampled_from([-3.0, 0.0, 0.5, 1.0, 1.25, 2.0, 4.0]))
-    )
-)
-def test_sum_is_the_best_there_is(worths: F64) -> None:
-    """Two cameras with the same numbers of boxes: worth (3D, 2D, camera)."""
-    height, width, cameras = worths.shape
-    parts = [all_pairs(worths[..., k]) for k in range(cameras)]
-    pairs = Pairs(
-        np.concatenate([part.seen + k * height for k, part in enumerate(parts)]),
-        np.concatenate([part.found + k * width for k, part in enumerate(parts)]),
-        np.concatenate([part.iou for part in parts]),
-    )
-    flat = np.moveaxis(worths, -1, 0).reshape(-1)
-    taken = best_pairs(pairs, flat, np.repeat(np.arange(cameras), height))
-    best = 0.0
-    for k in range(cameras):
-        table = np.maximum(worths[..., k], 0)
-        table = table if height <= width else table.T
-        best += max(
-            sum(table[i, j] for i, j in enumerate(columns))
-            for columns in itertools.permutations(range(max(height, width)), min(height, width))
-        )
-    assert flat[taken].sum() == best
-    assert (flat[taken] > 0).all()
-    for rows in (pairs.seen[taken], pairs.found[taken]):
-        assert len(set(rows.tolist())) == len(rows)

@@ -31,7 +31,7 @@ SEEN = {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])}
 
 
 def hypotheses(boxes: Boxes3D, *pairs: tuple[int, int], lidar_count: int | None = None) -> Hypotheses:
-    projected = VIEW.project_boxes(box_corners(boxes.centers, boxes.sizes, boxes.yaws), "site")
+    projected = VIEW.model.project_boxes(VIEW.T_camera_site.apply(box_corners(boxes.centers, boxes.sizes, boxes.yaws)))
     found = Matches(
         np.array(pairs, np.int64).reshape(-1, 2),
         np.full(len(pairs), 0.8, np.float32),

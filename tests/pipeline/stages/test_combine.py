@@ -139,11 +139,6 @@ def test_missing_lidars_and_no_lidars() -> None:
     assert_consistent(empty)
 
 
-def test_a_cloud_of_an_unknown_lidar_is_refused() -> None:
-    with pytest.raises(ValueError, match="no lidar of the rig is named roof"):
-        Combine(rig(a=pose()), RAW)(frame(), {"roof": sweep([[1, 2, 3]])})
-
-
 def test_range_is_from_the_lidar_and_a_point_at_the_lidar_is_none() -> None:
     config = RAW.model_copy(update={"min_range_m": 1.0, "max_range_m": 50.0})
     xyz = np.array([[0, 0, 0], [0.99, 0, 0], [1, 0, 0], [0, 30, 40], [0, 30, 40.1], [1e30, 0, 0]])

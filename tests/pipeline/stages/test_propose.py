@@ -151,17 +151,6 @@ def test_car_behind_another_one_is_no_part_of_it() -> None:
     assert all(np.hypot(*(center[:2] - CAR_BOX[:2])) > 5 for center in found.centers[1:])
 
 
-def test_hypotheses_do_not_depend_on_the_order_of_points_and_boxes() -> None:
-    points = cloud_of(CAR_BOX, OTHER, *WALKERS)
-    boxes = seen_by(CAMERA, [CAR_BOX, OTHER, *WALKERS], [CAR, CAR, PEDESTRIAN, PEDESTRIAN])
-    order = np.random.default_rng(0).permutation(len(points))
-    _, one = propose(points, nothing(), {"cam": boxes}, CAMERA)
-    _, other = propose(points[order], nothing(), {"cam": boxes.select(np.array([2, 0, 3, 1]))}, CAMERA)
-    assert len(one) == 4
-    for name in ("centers", "sizes", "yaws", "scores", "covariances"):
-        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-9, err_msg=name)
-
-
 @pytest.mark.parametrize("with_boxes", [False, True])
 def test_no_cameras_no_points_no_lidars(with_boxes: bool) -> None:
     _, found = propose(np.zeros((0, 3)), nothing(), {})

@@ -54,7 +54,7 @@ def printed(
     everything: bool = True,
     **evaluate: Any,
 ) -> str:
-    config = Config.model_validate({"evaluate": {"bootstrap": 100, **evaluate}})
+    config = Config.model_validate({"evaluate": evaluate})
     figures = NamedFigures(measure(measured, evaluators_of(config, RIG)))
     has_truth = any(frame.truth is not None for frame in measured)
     evaluation = Evaluation(

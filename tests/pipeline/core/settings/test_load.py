@@ -32,7 +32,7 @@ def test_every_shipped_config_loads(path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("sync: {polcy: nearest}", r"unknown key 'sync.polcy': did you mean 'sync.policy'\?"),
+        ("sync: {slop: 1}", r"unknown key 'sync.slop': did you mean 'sync.slop_s'\?"),
         ("fuse: {min_score_unconfirmed: 1}", r"fuse.min_score_unconfirmed is gone: fuse.min_score is a probability"),
         ("sync: {queue_size: 0}", r"sync.queue_size: expected at least 1, found 0"),
         ("- a\n- b", r"expected a mapping of sections, found list"),
@@ -63,7 +63,7 @@ def test_single_values_override_the_file(tmp_path: Path) -> None:
     assert config.topics.lidars == ("/a", "/b")
 
 
-@pytest.mark.parametrize("override", ["sync", "=3", "sync.policy.x.y=1", "sync.polcy=nearest", "run.workers=0"])
+@pytest.mark.parametrize("override", ["sync", "=3", "sync.slop_s.x.y=1", "sync.slop=1", "run.workers=0"])
 def test_wrong_override(override: str) -> None:
     with pytest.raises(ConfigError):
         load_config(None, (override,))

@@ -153,17 +153,6 @@ def test_what_is_told_of_an_object_that_differs_for_a_while() -> None:
     assert tree["sources"]["fused"]["car"]["turned"] == 5
 
 
-def test_an_object_that_drives_is_one_difference_and_two_are_two() -> None:
-    def driving(frame: int, lane: float) -> Row:
-        return (frame * 2.0, lane, 0.8, 4.2, 1.8, 1.5, 0)
-
-    first = [
-        ResultFrame(k, 10**9 + k * 10**8, 0, {"fused": objects(driving(k, 0), driving(k, 3))}, {}) for k in range(10)
-    ]
-    tree = figures(first, [replace(frame, sources={"fused": objects()}) for frame in first])
-    assert [(told["frames"], told["place"][1]) for told in tree["differences"]["listed"]] == [(10, 0), (10, 3)]
-
-
 def test_a_difference_that_goes_away_and_comes_back_is_two() -> None:
     run = run_of(9, objects(*CARS))
     without = objects(CARS[0])
@@ -203,24 +192,6 @@ def test_boxes_of_images() -> None:
     away = run_of(1, objects(), camera=boxes2d([(0, 0, 43, 40, 0.8, 1), (125, 0, 165, 40, 0.9, 0)]))  # IoU 0.23
     apart = figures(first, away, CompareConfig(pixels=3, score=0.2))["images"]["cam"]["all"]
     assert kinds_of(apart) == {"lost": 1, "new": 1, "relabelled": 1}
-
-
-def test_what_differs_by_just_as_much_as_it_may_is_equal() -> None:
-    first = run_of(1, objects(*CARS, scores=[0.1, 0.7]), camera=boxes2d([(600.1, 7, 640, 40, 0.2, 0)]))
-    second = run_of(1, objects(*CARS, scores=[0.2, 0.6]), camera=boxes2d([(603.1, 7, 643, 40, 0.3, 0)]))
-    tree = figures(first, second, CompareConfig(score=0.1, pixels=3))
-    assert not tree["differences"]["count"]
-
-
-def test_what_only_one_result_has_is_lost_or_new() -> None:
-    run = run_of(3, objects(*CARS))
-    bare = [replace(frame, sources={}, cameras={}) for frame in run]
-    tree = figures(run, bare)
-    assert kinds_of(tree["sources"]["fused"]["all"]) == {"lost": 6}
-    assert kinds_of(tree["images"]["cam"]["all"]) == {"lost": 3}
-    assert kinds_of(figures(bare, run)["images"]["cam"]["all"]) == {"new": 3}
-    nothing = figures(bare, bare)["sources"]["fused"]["all"]
-    assert (nothing["both"], nothing["different_percent"], nothing["largest_moved_m"]) == (0, None, None)
 
 
 def test_classes_are_compared_by_name() -> None:

@@ -15,37 +15,29 @@ from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
 NAMES = ("car", "van")
 CONFIG = Config(
     classes=tuple(ClassPrior(name=name, size_m=(4.0, 2.0, 1.5), max_size_m=(9.0, 9.0, 9.0)) for name in NAMES),
-    evaluate=EvaluateConfig(iou=(0.3, 0.6), bootstrap=100),
+    evaluate=EvaluateConfig(iou=(0.3, 0.6)),
 )
-Detections = list[tuple[float, float | None]]
+Detections = list[tuple[float, bool]]
 RECALLS = [k / 40 for k in range(1, 41)]
 
 
 def plain_ap(detections: Detections, truth: int) -> float | None:
-    """Mean of the best precision (or similarity) at each recall or above.
-
-    Args:
-        detections: Score, and what a right one counts (None: it is false).
-        truth: True objects.
-    """
+    """Mean of the best precision at each recall or above; of detections: score, and whether it is right."""
     if truth == 0:
         return None
     read = []
     for recall in RECALLS:
         best = 0.0
         for threshold in {score for score, _ in detections}:
-            reported = [worth for score, worth in detections if score >= threshold]
-            right = [worth for worth in reported if worth is not None]
-            if len(right) / truth >= recall - 1e-12:
-                best = max(best, sum(right) / len(reported))
+            reported = [is_right for score, is_right in detections if score >= threshold]
+            if sum(reported) / truth >= recall - 1e-12:
+                best = max(best, sum(reported) / len(reported))
         read.append(best)
     return sum(read) / len(read)
 
 
-def plain_matches(
-    frame: EvaluationFrame, class_id: int, measure: str, limit: float
-) -> list[tuple[float, float | None]]:
-    """Score of each detection of a frame, and (1 + cos d) / 2 to the object that it shows, or None."""
+def plain_matches(frame: EvaluationFrame, class_id: int, measure: str, limit: float) -> Detections:
+    """Score of each detection of a frame, and whether it shows an object."""
     truth, boxes = frame.truth, frame.sources["lidar"].boxes
     assert truth is not None
     overlaps = getattr(ious(boxes, truth), measure)
@@ -55,11 +47,8 @@ def plain_matches(
     for row in sorted(rows, key=lambda row: (boxes.scores[row], row), reverse=True):
         possible = [column for column in free if overlaps[row, column] >= limit]
         best = max(possible, key=lambda column: (overlaps[row, column], -column), default=None)
-        worth = None
-        if best is not None:
-            free.remove(best)
-            worth = (1 + float(np.cos(boxes.yaws[row] - truth.yaws[best]))) / 2
-        matches.append((float(boxes.scores[row]), worth))
+        free -= {best}
+        matches.append((float(boxes.scores[row]), best is not None))
     return matches
 
 
@@ -95,13 +84,9 @@ def test_equal_to_the_definition(seed: int, score_steps: int) -> None:
         for view, measure in (("bev", "bev"), ("3d", "volume")):
             for iou in (0.3, 0.6):
                 matches = [match for frame in frames for match in plain_matches(frame, class_id, measure, iou)]
-                right = [(score, None if worth is None else 1.0) for score, worth in matches]
                 key = f"ap_{view}_r40_{100 * iou:.0f}"
-                expected = plain_ap(right, count)
+                expected = plain_ap(matches, count)
                 assert figures[name][key] == pytest.approx(expected, abs=1e-6), (name, key)
                 means.setdefault(key, []).extend([] if expected is None else [expected])
-                if view == "bev":
-                    expected = plain_ap(matches, count)
-                    assert figures[name][f"aos_bev_r40_{100 * iou:.0f}"] == pytest.approx(expected, abs=1e-6)
     for key, values in means.items():
         assert figures["all"][key] == (pytest.approx(np.mean(values), abs=1e-6) if values else None)

@@ -6,11 +6,10 @@ import pytest
 from evaluation_scenes import evaluated, image, truth2d
 
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, ImageBoxes
 
 CAR, PEDESTRIAN = 0, 1
-CONFIG = Config(evaluate=EvaluateConfig(min_image_pixels=50))
+CONFIG = Config()
 BOX = (100.0, 100.0, 200.0, 150.0)
 
 
@@ -35,7 +34,7 @@ def test_half_an_overlap_is_right(right_px: float, is_right: int) -> None:
     assert tree["ap_2d_r40_50"] == is_right
 
 
-@pytest.mark.parametrize("columns", [{"is_ignored": [True]}, {"image_pixels": [49]}, {"class_ids": [UNKNOWN]}])
+@pytest.mark.parametrize("columns", [{"is_ignored": [True]}, {"image_pixels": [0]}, {"class_ids": [UNKNOWN]}])
 def test_what_is_ignored_is_neither_missed_nor_an_error(columns: dict[str, Any]) -> None:
     shown = truth2d(BOX, columns.pop("class_ids", [CAR]), **columns)
     both = [*moved(5), *moved(-5)]
@@ -44,7 +43,7 @@ def test_what_is_ignored_is_neither_missed_nor_an_error(columns: dict[str, Any])
     assert counts(figures(image([], [], [], shown))["all"]) == {"truth_ignored": 1}
 
 
-@pytest.mark.parametrize("pixels", [50, UNKNOWN])
+@pytest.mark.parametrize("pixels", [1, UNKNOWN])
 def test_enough_pixels_or_no_count_of_them(pixels: int) -> None:
     tree = figures(image([], [], [], truth2d(BOX, [CAR], image_pixels=[pixels])))["car"]
     assert counts(tree) == {"truth": 1, "missed": 1}
@@ -69,10 +68,3 @@ def test_boxes_without_extent_overlap_nothing() -> None:
     nothing = (150.0, 120.0, 150.0, 120.0)
     tree = figures(image(nothing, [0.9], [CAR], truth2d(nothing, [CAR])))["car"]
     assert counts(tree) == {"truth": 1, "found": 1, "missed": 1, "false": 1}
-
-
-def test_images_matched_together_are_as_if_matched_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    images = [image(moved(row), [0.9], [CAR], truth2d(BOX, [CAR])) for row in range(0, 50, 10)]
-    together = figures(*images)
-    monkeypatch.setattr("lidcam.pipeline.evaluation.detection.camera_images.MAX_IMAGES", 2)
-    assert figures(*images) == together

@@ -1,64 +1,27 @@
-"""Scores to choose a threshold from, against every threshold tried out."""
-
-from typing import Any
+"""Counts, and calibration, against their definitions."""
 
 import numpy as np
 import pytest
-from evaluation_scenes import boxes3d, evaluated, truth3d
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.evaluation.detection.counts import calibration_figures, count_figures, threshold_figures
+from lidcam.pipeline.evaluation.detection.counts import calibration_figures, count_figures
 from lidcam.pipeline.evaluation.detection.curves import curve_of
-from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
-
-
-def plain_points(detections: list[tuple[float, bool]], truth: int) -> list[dict[str, float]]:
-    points = []
-    for threshold in sorted({score for score, _ in detections}, reverse=True):
-        reported = [right for score, right in detections if score >= threshold]
-        right = sum(reported)
-        f1 = 2 * right / (len(reported) + truth)  # the harmonic mean, so that equal ones are equal
-        points.append({"score": threshold, "precision": right / len(reported), "recall": right / truth, "f1": f1})
-    return points
-
-
-@given(st.lists(st.tuples(st.integers(0, 16), st.booleans()), max_size=30), st.integers(0, 4))
-def test_equal_to_trying_every_threshold(rows: list[tuple[int, bool]], missed: int) -> None:
-    detections = sorted(((score / 16, right) for score, right in rows), reverse=True)
-    truth = sum(right for _, right in detections) + missed
-    scores = np.array([score for score, _ in detections], np.float32)
-    curve = curve_of(scores, np.array([right for _, right in detections], np.bool_), truth)
-    figures: Any = threshold_figures(curve)
-    counts = count_figures(curve, 2, 3)
-    points = plain_points(detections, truth) if truth else []
-    best = max(points, key=lambda point: point["f1"], default={"f1": 0.0})
-    nothing = dict.fromkeys(("score", "precision", "recall", "f1"))
-    assert figures["best_f1"] == (pytest.approx(best) if best["f1"] else nothing)
-    for precision in (0.5, 0.8, 0.9):
-        reached = [point for point in points if point["precision"] >= precision]
-        assert figures[f"precision_{100 * precision:.0f}"] == (pytest.approx(reached[-1]) if reached else nothing)
-    assert counts["found"] == len(detections) + 2
-    assert (counts["ignored"], counts["truth_ignored"]) == (2, 3)
-    assert counts["missed"] == missed
-    if points:
-        assert counts["f1"] == pytest.approx(points[-1]["f1"])
-        assert counts["precision"] == pytest.approx(points[-1]["precision"])
-
-
-def test_thresholds_by_source_and_class() -> None:
-    truth = truth3d([[10, 0, 1]], [[4, 2, 1.5]], [0.0], [0])
-    found = boxes3d([[10, 0, 1], [30, 0, 1]], np.full((2, 3), (4, 2, 1.5)), [0.0, 0.0], [0.75, 0.5], [0, 0])
-    thresholds = evaluated([EvaluationFrame(0, 0, truth, {"lidar": found})], Config())["thresholds"]["lidar"]
-    for name in ("car", "all"):
-        assert thresholds[name]["best_f1"] == {"score": 0.75, "precision": 1.0, "recall": 1.0, "f1": 1.0}
-        assert thresholds[name]["precision_50"]["score"] == 0.5
-        assert thresholds[name]["precision_90"]["score"] == 0.75
-    assert thresholds["bus"]["precision_50"]["score"] is None
-
 
 DETECTIONS = st.lists(st.tuples(st.floats(0, 1, width=32), st.booleans()), max_size=60)
+
+
+@given(DETECTIONS, st.integers(0, 4))
+def test_counts_are_those_of_all_that_is_reported(rows: list[tuple[float, bool]], missed: int) -> None:
+    rows = sorted(rows, reverse=True)
+    right = sum(is_right for _, is_right in rows)
+    scores = np.array([score for score, _ in rows], np.float32)
+    curve = curve_of(scores, np.array([is_right for _, is_right in rows], np.bool_), right + missed)
+    counts = count_figures(curve, 2, 3)
+    assert counts["found"] == len(rows) + 2
+    assert (counts["ignored"], counts["truth_ignored"], counts["missed"]) == (2, 3, missed)
+    assert counts["precision"] == (pytest.approx(right / len(rows)) if rows else None)
+    assert counts["f1"] == (pytest.approx(2 * right / (len(rows) + right + missed)) if right + missed else None)
 
 
 @given(DETECTIONS)
@@ -82,9 +45,7 @@ def test_calibration_is_equal_to_its_definition(detections: list[tuple[float, bo
         else:
             assert table[row]["mean_score"] is table[row]["right"] is None
     if not detections:
-        assert figures["ece"] is figures["mce"] is figures["brier"] is None
+        assert figures["ece"] is None
         return
     n = len(detections)
     assert figures["ece"] == pytest.approx(sum(count * gap for count, gap in gaps) / n, abs=1e-9)
-    assert figures["mce"] == pytest.approx(max(gap for _, gap in gaps), abs=1e-9)
-    assert figures["brier"] == pytest.approx(sum((score - right) ** 2 for score, right in detections) / n, abs=1e-9)

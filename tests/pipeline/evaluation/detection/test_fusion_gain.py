@@ -10,16 +10,19 @@ from evaluation_scenes import boxes3d, evaluated, truth3d
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
-from lidcam.pipeline.evaluation.detection.curves import average_precision, curve_of
-from lidcam.pipeline.evaluation.detection.resampling import Resampling, sampled_ap
+from lidcam.pipeline.evaluation.detection.resampling import Resampling
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
 
-SAMPLES = 100
 CLASSES = tuple(ClassPrior(name=name, size_m=(4.0, 2.0, 1.5), max_size_m=(9.0, 9.0, 9.0)) for name in ("car", "bus"))
-CONFIG = Config(classes=CLASSES, evaluate=EvaluateConfig(bootstrap=SAMPLES, ranges_m=(0, 100), iou=(0.5,)))
+CONFIG = Config(classes=CLASSES, evaluate=EvaluateConfig(iou=(0.5,)))
 FIGURES = ("ap_bev_r40_50", "ap_3d_r40_50", "precision", "recall", "f1", "errors.position_bev_m.mean")
 SOURCES = ("fused", "lidar")
 PERIOD_NS = 250_000_000
+
+
+@pytest.fixture(autouse=True)
+def _few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidcam.pipeline.evaluation.detection.resampling.SAMPLES", 100)
 
 
 def drive(frames: int, noise_m: dict[str, float], seed: int = 0) -> list[EvaluationFrame]:
@@ -60,7 +63,7 @@ def only(source: str, frames: list[EvaluationFrame]) -> list[EvaluationFrame]:
 def test_equal_to_recordings_put_together_from_the_drawn_blocks() -> None:
     frames = drive(20, {"lidar": 0.4, "fused": 0.2})
     figures = evaluated(frames, CONFIG)
-    drawn = Resampling.of(np.array([frame.stamp_ns for frame in frames]), SAMPLES)
+    drawn = Resampling.of(np.array([frame.stamp_ns for frame in frames]))
     assert drawn.block_count == 5
     assert drawn.blocks.tolist() == [frame.stamp_ns // 10**9 for frame in frames]
     assert (drawn.weights.sum(1) == 5).all()
@@ -110,21 +113,6 @@ def test_nothing_to_compare() -> None:
     assert evaluated(drive(4, {"lidar": 0.1}), CONFIG)["fusion_gain"] == {}
     assert evaluated(drive(4, {"fused": 0.1}), CONFIG)["fusion_gain"] == {}
     assert evaluated([], CONFIG)["fusion_gain"] == {}
-
-
-WHOLE = Resampling(np.zeros(50, np.int64), np.ones((1, 1)))
-
-
-@pytest.mark.parametrize(("count", "tolerance"), [(0, 0.0), (1, 1e-12), (300, 1e-12), (40_000, 2e-3)])
-def test_a_sample_that_is_the_whole_recording(count: int, tolerance: float) -> None:
-    rng = np.random.default_rng(3)
-    scores = np.sort(rng.random(count).astype(np.float32))[::-1]
-    is_right, frames = rng.random(count) < 0.2 + 0.7 * scores, rng.integers(0, 50, count).astype(np.int32)
-    truth_frames = rng.integers(0, 50, 30_000 if count > 300 else 250).astype(np.int32)
-    curve = curve_of(scores, is_right, len(truth_frames))
-    exact = average_precision(curve.right, curve.precision, len(truth_frames))
-    assert sampled_ap(WHOLE, frames, scores, is_right, truth_frames) == pytest.approx([exact], abs=tolerance)
-    assert np.isnan(sampled_ap(WHOLE, frames, scores, is_right, truth_frames[:0])).all()
 
 
 PLACES_M = np.array([[0.0, 0, 0], [20.0, 0, 0], [40.0, 0, 0]])

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from track_cases import CASES, LENGTH_M, TIES_OF_TRACKS, WIDTH_M, Found, TrackCase, True_
+from track_cases import CASES, TIES_OF_TRACKS, Found, TrackCase, True_
 
 MAX_DISTANCE_M = 2.0
 
@@ -27,14 +27,6 @@ Answer = dict[str, Any]
 def distances(truth: tuple[True_, ...], found: tuple[Found, ...]) -> Any:
     rows = [[float(np.hypot(t.x - f.x, t.y - f.y)) for f in found] for t in truth]
     return np.array(rows).reshape(len(truth), len(found))
-
-
-def overlaps(truth: tuple[True_, ...], found: tuple[Found, ...]) -> Any:
-    def iou(t: True_, f: Found) -> float:
-        shared = max(0.0, LENGTH_M - abs(t.x - f.x)) * max(0.0, WIDTH_M - abs(t.y - f.y))
-        return shared / (2 * LENGTH_M * WIDTH_M - shared)
-
-    return np.array([[iou(t, f) for f in found] for t in truth]).reshape(len(truth), len(found))
 
 
 def trackeval_data(case: TrackCase, similarity: Callable[[Any, Any], Any]) -> dict[str, Any]:
@@ -70,16 +62,11 @@ def ask_trackeval(cases: dict[str, TrackCase]) -> Answer:
     metrics = import_module("trackeval.metrics")
     hota, identity = metrics.HOTA(), metrics.Identity({"PRINT_CONFIG": False, "THRESHOLD": 0.5 + 1e-12})
     names = ("HOTA", "DetA", "AssA", "LocA", "DetRe", "DetPr", "AssRe", "AssPr")
-    asked = {
-        "hota": {name: hota.eval_sequence(trackeval_data(case, by_distance)) for name, case in cases.items()},
-        "hota_iou": {name: hota.eval_sequence(trackeval_data(case, overlaps)) for name, case in cases.items()},
-    }
-    for answers in asked.values():
-        classes = {name: answers[name] for name in cases if name not in TIES_OF_TRACKS}
-        answers["all"] = hota.combine_classes_det_averaged(classes)
+    answers = {name: hota.eval_sequence(trackeval_data(case, by_distance)) for name, case in cases.items()}
+    classes = {name: answers[name] for name in cases if name not in TIES_OF_TRACKS}
+    answers["all"] = hota.combine_classes_det_averaged(classes)
     said: Answer = {
-        name: {group: {key: float(np.mean(answers[name][key])) for key in names} for group, answers in asked.items()}
-        for name in (*cases, "all")
+        name: {"hota": {key: float(np.mean(answer[key])) for key in names}} for name, answer in answers.items()
     }
     followed = {
         name: identity.eval_sequence(trackeval_data(case, by_half_distance))
@@ -94,7 +81,7 @@ def ask_motmetrics(cases: dict[str, TrackCase]) -> Answer:
     motmetrics = import_module("motmetrics")
     names = (
         *("mota", "motp", "num_matches", "num_switches", "num_false_positives", "num_misses", "num_fragmentations"),
-        *("mostly_tracked", "partially_tracked", "mostly_lost", "idf1", "idp", "idr"),
+        *("idf1", "idp", "idr"),
     )
     answers = {}
     for name, case in cases.items():

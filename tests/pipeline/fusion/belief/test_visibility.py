@@ -27,7 +27,7 @@ def hypotheses(boxes: Boxes3D, *pairs: tuple[int, int], hidden: float = 0.0) -> 
     found = Matches(
         np.array(pairs, np.int64).reshape(-1, 2),
         np.full(len(pairs), 0.8, np.float32),
-        VIEW.project_boxes(corners, "site"),
+        VIEW.model.project_boxes(VIEW.T_camera_site.apply(corners)),
         np.full(len(boxes), hidden, np.float32),
         np.zeros((len(boxes), 4), np.float32),
     )

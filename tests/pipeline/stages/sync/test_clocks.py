@@ -212,15 +212,6 @@ def test_log_times_that_jump_back_split_the_recording_at_once() -> None:
     assert clocks.jumps == [TimeJump("log times", T0_S * S + 2_950 * MS, 2_900 * MS)]
 
 
-def test_an_outlier_where_another_topic_jumps_back_is_no_jump() -> None:
-    recorded = [*steady("a"), *steady("a", 10, 20, shift_s=-5), *steady("b", 0, 20)]
-    recorded = [("b", 999.0, log) if one == "b" and log == 1.05 else (one, stamp, log) for one, stamp, log in recorded]
-    parts, drops, clocks = run(sorted(recorded, key=lambda one: one[2]))
-    assert len(clocks.jumps) == 1
-    assert drops == [("b", 999.0, OUTLIER)]
-    assert len([stamp for part in parts for stamp in of(part, "b")]) == 19
-
-
 @pytest.mark.parametrize(("begin_s", "dropped"), [(0.0, False), (-5.3, True)])
 def test_simulated_time_begins_at_zero(begin_s: float, dropped: bool) -> None:
     """Stamps from 0 on while the recorder has the time of day; or a first stamp before the clock was read."""

@@ -3,7 +3,6 @@
 import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -12,11 +11,10 @@ from hypothesis import strategies as st
 from lidcam.pipeline.core.frame import Missing, SensorBundle
 from lidcam.pipeline.core.messages import Channel, Drop, RawMessage
 from lidcam.pipeline.core.settings.sync import SyncConfig
-from lidcam.pipeline.stages.sync.policy import DropReason
+from lidcam.pipeline.stages.sync.drop_reason import DropReason
 from lidcam.pipeline.stages.sync.synchronize import SyncStats, synchronize
 
 MS = 1_000_000
-policies = pytest.mark.parametrize("policy", ["approximate_time", "nearest"])
 LIDARS = ("/lidar0", "/lidar1", "/lidar2")
 CAMERAS = tuple(f"/cam{number}" for number in range(8))
 TOPICS = LIDARS + CAMERAS
@@ -127,10 +125,10 @@ def test_every_frame_counts(name: str, messages: list[RawMessage], frames: int, 
         assert [*bundle.messages] == [topic for topic in TOPICS if topic in bundle.messages]
 
 
-@pytest.mark.parametrize(("alive", "policy"), [("/lidar1", "nearest"), ("/cam5", "approximate_time")])
-def test_one_sensor_left_makes_frames_of_its_own(alive: str, policy: Any) -> None:
+@pytest.mark.parametrize("alive", ["/lidar1", "/cam5"])
+def test_one_sensor_left_makes_frames_of_its_own(alive: str) -> None:
     taken = {topic: until(1) for topic in TOPICS if topic != alive}
-    bundles, drops, stats = run(recorded(taken), SyncConfig(policy=policy))
+    bundles, drops, stats = run(recorded(taken))
     assert len(bundles) == 30
     assert not drops
     assert alive not in said(stats)
@@ -147,10 +145,9 @@ def test_the_next_lidar_is_the_reference_then_a_camera_until_the_first_is_back()
     assert len(bundles) == 40
 
 
-@policies
-def test_what_a_frame_lacks_is_told_by_reason(policy: Any) -> None:
+def test_what_a_frame_lacks_is_is_told_by_reason() -> None:
     messages = recorded({"/cam0": until(1), "/cam1": lambda stamp_s: not 1.45 < stamp_s < 1.55})
-    bundles, _, _ = run(messages, SyncConfig(policy=policy))
+    bundles, _, _ = run(messages)
     assert bundles[5].missing == {}
     assert bundles[15].missing == {"/cam0": Missing.SILENT, "/cam1": Missing.NOT_NEAR}
     assert bundles[16].missing == {"/cam0": Missing.SILENT}
@@ -187,21 +184,20 @@ def test_the_last_incomplete_turn_is_no_frame() -> None:
     assert drops["/lidar0", DropReason.END] == 1
 
 
-@policies
 @given(
     arrivals=st.lists(st.tuples(st.integers(0, 3), st.integers(0, 300), st.integers(0, 100)), max_size=50),
     queue_size=st.integers(1, 4),
 )
 @settings(max_examples=100)
 def test_every_message_is_used_once_or_dropped_once_and_frames_are_in_order(
-    policy: Any, arrivals: list[tuple[int, int, int]], queue_size: int
+    arrivals: list[tuple[int, int, int]], queue_size: int
 ) -> None:
     messages = [
         message(TOPICS[topic], 10 * stamp, 10 * (stamp + late), position)
         for position, (topic, stamp, late) in enumerate(arrivals)
     ]
     messages.sort(key=lambda m: (m.log_time_ns, m.order))
-    config = SyncConfig(policy=policy, queue_size=queue_size, slop_s=0.05, max_interval_s=0.05)
+    config = SyncConfig(queue_size=queue_size, slop_s=0.05, max_interval_s=0.05)
     bundles, drops, stats = run(messages, config, topics=TOPICS[:4], required=LIDARS[:2])
     used = Counter(m.topic for b in bundles for m in b.messages.values())
     for (topic, _), count in drops.items():

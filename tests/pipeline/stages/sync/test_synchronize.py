@@ -15,8 +15,6 @@ from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.pipeline.stages.sync.synchronize import synchronize as synchronize_
 
 MS = 1_000_000
-CONFIGS = [SyncConfig(policy=name) for name in ("approximate_time", "nearest")]
-policies = pytest.mark.parametrize("config", CONFIGS, ids=lambda config: config.policy)
 CHANNELS = [Channel(f"/t{topic}", "sensor_msgs/msg/Image", "cdr") for topic in range(4)]
 
 
@@ -44,9 +42,8 @@ def frames(count: int) -> list[RawMessage]:
     return [message(topic, 100 * frame + 10 * topic, 4 * frame) for frame in range(count) for topic in range(3)]
 
 
-@policies
-def test_frames_have_the_reference_stamp_and_the_order_of_topics(config: SyncConfig) -> None:
-    bundles, drops, stats = synchronize(frames(3), config)
+def test_frames_have_the_reference_stamp_and_the_order_of_topics() -> None:
+    bundles, drops, stats = synchronize(frames(3))
     assert [bundle.index for bundle in bundles] == [0, 1, 2]
     assert [bundle.stamp_ns for bundle in bundles] == [0, 100 * MS, 200 * MS]
     assert [bundle.log_time_ns for bundle in bundles] == [7 * MS, 107 * MS, 207 * MS]
@@ -57,21 +54,20 @@ def test_frames_have_the_reference_stamp_and_the_order_of_topics(config: SyncCon
     assert stats.skew_mean_ns == 10 * MS
 
 
-@policies
 @pytest.mark.parametrize(("messages", "dropped"), [([], 0), ([message(0, 0)], 1), ([message(2, 0)], 0)])
-def test_recordings_without_a_set(config: SyncConfig, messages: list[RawMessage], dropped: int) -> None:
-    bundles, drops, stats = synchronize(messages, config)
+def test_recordings_without_a_set(messages: list[RawMessage], dropped: int) -> None:
+    bundles, drops, stats = synchronize(messages)
     assert bundles == []
     assert len(drops) == dropped
     assert stats.received == {"/t1": 0, "/t0": dropped}
     assert (stats.sets, stats.skew_mean_ns) == (0, 0.0)
 
 
-@given(st.lists(st.tuples(st.integers(0, 1), st.integers(0, 40)), max_size=40), st.sampled_from(CONFIGS))
-def test_bundles_count_what_was_left_out_before_them(arrivals: list[tuple[int, int]], config: SyncConfig) -> None:
+@given(st.lists(st.tuples(st.integers(0, 1), st.integers(0, 40)), max_size=40))
+def test_bundles_count_what_was_left_out_before_them(arrivals: list[tuple[int, int]]) -> None:
     messages = [message(topic, stamp_ms, position) for position, (topic, stamp_ms) in enumerate(arrivals)]
     drops: list[Drop] = []
-    config = config.model_copy(update={"queue_size": 3, "slop_s": 0.005})
+    config = SyncConfig(queue_size=3, slop_s=0.005)
     told: Counter[tuple[str, str]] = Counter()
     for bundle in synchronize_(messages, ["/t0", "/t1"], config, reference="/t0", on_drop=drops.append):
         told.update(bundle.dropped_before)

@@ -19,8 +19,7 @@ import numpy as np
 from nuscenes.eval.common.config import config_factory
 from nuscenes.eval.common.data_classes import EvalBoxes
 from nuscenes.eval.common.loaders import add_center_dist, filter_eval_boxes
-from nuscenes.eval.detection.algo import accumulate, calc_ap, calc_tp
-from nuscenes.eval.detection.constants import TP_METRICS
+from nuscenes.eval.detection.algo import accumulate, calc_ap
 from nuscenes.eval.detection.data_classes import DetectionBox, DetectionMetrics
 
 RECORDED = Path(__file__).with_name("nuscenes.json")
@@ -74,21 +73,14 @@ def answers(case: Case) -> Any:
         data = {limit: accumulate(*sides, name, config.dist_fcn_callable, limit) for limit in config.dist_ths}
         for limit in config.dist_ths:
             metrics.add_label_ap(name, limit, calc_ap(data[limit], config.min_recall, config.min_precision))
-        for metric in TP_METRICS:
-            absent = {"traffic_cone": ("attr_err", "vel_err", "orient_err"), "barrier": ("attr_err", "vel_err")}
-            value = calc_tp(data[config.dist_th_tp], config.min_recall, metric)
-            metrics.add_label_tp(name, metric, np.nan if metric in absent.get(name, ()) else value)
-    names = {"ate": "trans_err", "ase": "scale_err", "aoe": "orient_err"}
     by_class = {
         name: {
             **{f"ap_{f'{limit:g}'.replace('.', 'p')}": metrics.get_label_ap(name, limit) for limit in config.dist_ths},
             "map": metrics.mean_dist_aps[name],
-            **{short: metrics.get_label_tp(name, metric) for short, metric in names.items()},
         }
         for name in config.class_names
     }
-    overall = {short: metrics.tp_errors[metric] for short, metric in names.items()}
-    by_class["all"] = {"map": metrics.mean_ap, **overall, "nds": metrics.nd_score}
+    by_class["all"] = {"map": metrics.mean_ap}
     return {
         name: {key: None if np.isnan(value) else float(value) for key, value in figures.items()}
         for name, figures in by_class.items()
