@@ -4,7 +4,6 @@ import hashlib
 import shlex
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -16,8 +15,6 @@ from lidcam.bags.simulator.scenario.scenario import Scenario
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "bags" / "README.md").read_text(encoding="utf-8")
 SAMPLES = ["sandbox.bag", "crossing.mcap"]
-GONE = {"return_mode", "exposure_ms", "motion_blur", "gain", "keys", "key_interval_s", "shadows"}
-"""Settings at their defaults that scenarios had when the samples were recorded."""
 
 
 def scenario_of(name: str) -> Scenario:
@@ -29,13 +26,7 @@ def scenario_of(name: str) -> Scenario:
         with path.open("rb") as stream:
             attached = {one.name: one.data for one in make_reader(stream).iter_attachments()}
         text = attached["scenario.yaml"].decode()
-    return Scenario.model_validate(without(GONE, yaml.safe_load(text)))
-
-
-def without(names: set[str], tree: Any) -> Any:
-    if not isinstance(tree, dict):
-        return tree
-    return {name: without(names, part) for name, part in tree.items() if name not in names}
+    return Scenario.model_validate(yaml.safe_load(text))
 
 
 @pytest.mark.parametrize("name", SAMPLES)

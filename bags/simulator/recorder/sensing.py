@@ -121,12 +121,12 @@ def _due(sensor: _Sensor, until_ns: int, start_limit_ns: int) -> Iterator[Measur
 def _measurement(timing: Timing, device: Lidar | Camera, number: int) -> Measurement:
     if isinstance(device, Lidar):
         return timing.measurement(number, begin_ns=device.begin_ns(number), end_ns=device.end_ns(number))
-    return timing.measurement(number)
+    return timing.measurement(number, lasts_ns=device.after_ns)
 
 
 def _cloud_fields(sweep: Sweep) -> dict[str, Array]:
-    """The fields of the ROS velodyne driver (x y z intensity ring time)."""
-    return {
+    """The fields of the ROS velodyne driver (x y z intensity ring time), and the return type in dual mode."""
+    fields: dict[str, Array] = {
         "x": sweep.xyz[:, 0],
         "y": sweep.xyz[:, 1],
         "z": sweep.xyz[:, 2],
@@ -134,6 +134,7 @@ def _cloud_fields(sweep: Sweep) -> dict[str, Array]:
         "ring": sweep.ring,
         "time": sweep.time_offset_s,
     }
+    return fields if sweep.return_type is None else fields | {"return_type": sweep.return_type}
 
 
 def _detected_objects(found: Detected, movers: Sequence[Mover]) -> list[ViewedObject]:

@@ -32,6 +32,7 @@ class SunScenario(SettingsModel):
 
     azimuth_deg: float = -50.0  # counter-clockwise from +x
     elevation_deg: Annotated[float, Field(gt=0, le=90)] = 50.0  # above the horizon
+    shadows: bool = True  # whether it casts shadows
 
 
 class Scenario(SettingsModel):
@@ -66,8 +67,10 @@ class Scenario(SettingsModel):
                 raise ValueError(
                     f"vehicles.{name}.route: expected one of {listed(self.routes)}, found {vehicle.route!r}"
                 )
-            if vehicle.shape == "pedestrian" and (vehicle.commands or vehicle.ego):
-                raise ValueError(f"vehicles.{name}: expected a route for a pedestrian, found commands or ego")
+            if vehicle.route and vehicle.keys:
+                raise ValueError(f"vehicles.{name}: expected a route or keys, found both")
+            if vehicle.shape == "pedestrian" and (vehicle.commands or vehicle.keys or vehicle.ego):
+                raise ValueError(f"vehicles.{name}: expected a route for a pedestrian, found keys, commands or ego")
         for name, route in self.routes.items():
             for other in route.yields_to:
                 if other not in self.routes:

@@ -78,8 +78,9 @@ class LidarScenario(SensorScenario):
     # `points` (PointCloud2 on `topic`), `packets` (velodyne_msgs/VelodyneScan on `packets_topic`) or `both`
     output: Literal["points", "packets", "both"] = "points"
     packets_topic: Topic | Literal[""] = ""
+    return_mode: Literal["strongest", "last", "dual"] = "strongest"  # which echoes of a beam are recorded
     divergence_mrad: NotNegative = 3.0  # full angle of a beam
-    echo_separation_m: Positive = 0.5  # surfaces in one beam that are further apart are told apart
+    echo_separation_m: Positive = 0.5  # surfaces in one beam that are further apart than this give separate echoes
     min_range_m: NotNegative = 0.1
     max_range_m: Positive = 100.0  # longest range of a white surface; darker ones have a shorter one
     range_noise_m: NotNegative = 0.01  # standard deviation of ranges
@@ -123,6 +124,9 @@ class CameraScenario(SensorScenario):
     center_px: tuple[float, float] | None = None  # cx and cy; None for the middle of the image
     distortion_model: Literal["plumb_bob", "rational_polynomial", "equidistant"] = "plumb_bob"  # as in CameraInfo
     distortion: tuple[float, ...] = ()  # coefficients in the order of CameraInfo; missing ones are 0
+    exposure_ms: NotNegative = 4.0  # the stamp is its middle
+    motion_blur: bool = False  # whether motion during the exposure is blurred
+    gain: Positive = 1.0  # brightness factor
     noise: NotNegative = 1.0  # standard deviation of pixel values (0 to 255)
     # `jpeg` (CompressedImage on `topic`/compressed) or `raw` (Image on `topic`, rgb8)
     output: Literal["jpeg", "raw"] = "jpeg"

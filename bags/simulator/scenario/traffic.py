@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from lidcam.bags.simulator.scenario.sensors import Metres
-from lidcam.pipeline.core.settings.model import NotNegative, SettingsModel, Share
+from lidcam.pipeline.core.settings.model import NotNegative, Positive, SettingsModel, Share
 
 CarBody = Literal["hatchback", "saloon", "estate", "mpv"]
 Posture = Literal["upright", "sitting", "stooping", "reaching"]
@@ -49,6 +49,8 @@ class VehicleScenario(SettingsModel):
     route: str = ""  # name of a route to follow
     route_start_m: NotNegative = 0.0  # start position along the route
     speed_m_s: NotNegative = 0.0  # cruising speed on the route
+    keys: str = ""  # keys that drive it instead (`w s a d x`), one every `key_interval_s` from the start
+    key_interval_s: Positive = 0.5  # time from one key to the next
     # Record nav_msgs/Odometry: the true pose of the centre of its box on /NAME/base_pose_ground_truth; for the ego
     # vehicle that of `base_link` on /odom
     odometry: bool = False

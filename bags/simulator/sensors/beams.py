@@ -8,17 +8,18 @@ rounded to 0.01 degrees, packet times to microseconds, ranges to the model's ste
 
 from dataclasses import dataclass
 from math import ceil
+from typing import Literal
 
 import numpy as np
 
 from lidcam.bags.simulator.scenario.sensors import LidarScenario
-from lidcam.pipeline.core.arrays import F64, I64, U8
+from lidcam.pipeline.core.arrays import F64, I64, U8, U16
 from lidcam.readers.velodyne.models import BLOCK_FLAGS, MODELS, built_in_table
 
 MS = 1_000_000
 LINEAR_RANGE_STEP_M = 0.002
 BLOCKS, SLOTS = 12, 32  # of a packet, and of a block
-STRONGEST_RETURN = 0x37
+RETURN_BYTES = {"strongest": 0x37, "last": 0x38, "dual": 0x39}
 
 _ECHO = [("steps", "<u2"), ("reflectivity", "u1")]
 _BLOCK = [("flag", "<u2"), ("azimuth", "<u2"), ("echoes", _ECHO, SLOTS)]
@@ -66,16 +67,25 @@ class VelodyneSensor:
         start_ns: Time of the first firing of packet 0.
         turn_hz: Turns per second.
         start_azimuth_deg: Azimuth at `start_ns`, clockwise from the front.
+        return_mode: The echoes that are sent.
     """
 
-    def __init__(self, model: str, start_ns: int, turn_hz: float = 10.0, start_azimuth_deg: float = 0.0) -> None:
-        self.model, self.start_ns = model, start_ns
+    def __init__(
+        self,
+        model: str,
+        start_ns: int,
+        turn_hz: float = 10.0,
+        start_azimuth_deg: float = 0.0,
+        return_mode: Literal["strongest", "last", "dual"] = "strongest",
+    ) -> None:
+        self.model, self.start_ns, self.return_mode = model, start_ns, return_mode
         self._turn_hz, self._start_azimuth_deg = turn_hz, start_azimuth_deg
         self._facts, self._table = MODELS[model], built_in_table(model)
+        self._columns = BLOCKS // (2 if return_mode == "dual" else 1)
         self._firings_per_block = SLOTS // self._facts.lasers
-        self._packet_us = self._facts.column_us * BLOCKS
+        self._packet_us = self._facts.column_us * self._columns
         self._laser_us = np.array(self._facts.slot_us[0][: self._facts.lasers], np.float64)  # since the firing began
-        self.firings_per_packet = BLOCKS * self._firings_per_block
+        self.firings_per_packet = self._columns * self._firings_per_block
         self.packets_per_turn: float = 1e6 / turn_hz / self._packet_us  # usually not a whole number
 
     def beams(self, first_packet: int, packets: int) -> Beams:
@@ -107,25 +117,30 @@ class VelodyneSensor:
 
         Args:
             first_packet: Number of the first packet.
-            ranges_m: (F, L) metres by firing and laser id, F firings of whole packets. Values that are not finite, not
-                positive or too large are no return.
+            ranges_m: (F, L) metres by firing and laser id, F firings of whole packets; in dual mode (F, L, 2), the last
+                return, then the strongest. Values that are not finite, not positive or too large are no return.
             reflectivity: Like `ranges_m`.
         """
-        packets = len(ranges_m) // self.firings_per_packet
+        packets, returns = len(ranges_m) // self.firings_per_packet, BLOCKS // self._columns
         with np.errstate(invalid="ignore"):
             steps = np.rint(ranges_m / self._facts.range_step_m)
             steps = np.where((steps > 0) & (steps <= 0xFFFF), steps, 0).astype(np.uint16)
         times_us = self._block_us(first_packet, packets)
         azimuth = np.rint(np.rad2deg(self._azimuth_rad(times_us)) * 100).astype(np.int64) % 36000
+
+        def by_return(values: U16 | U8) -> U16 | U8:
+            """In block layout: (packets, columns, returns, 32)."""
+            return np.moveaxis(values.reshape(packets, self._columns, SLOTS, returns), 3, 2)
+
         table = np.zeros(packets, _PACKET)
-        blocks, shape = table["blocks"], (packets, BLOCKS, SLOTS)
+        blocks = table["blocks"].reshape(packets, self._columns, returns)
         blocks["flag"] = BLOCK_FLAGS[0]
-        blocks["azimuth"] = azimuth
-        blocks["echoes"]["steps"] = steps.reshape(shape)
-        blocks["echoes"]["reflectivity"] = np.where(steps, reflectivity, 0).reshape(shape)
+        blocks["azimuth"] = azimuth[:, :, None]
+        blocks["echoes"]["steps"] = by_return(steps)
+        blocks["echoes"]["reflectivity"] = by_return(np.where(steps, reflectivity, 0))
         stamps_ns = self.start_ns + np.rint(times_us[:, 0] * 1000).astype(np.int64)
         table["time_us"] = _hour_us(stamps_ns)
-        table["mode"] = STRONGEST_RETURN
+        table["mode"] = RETURN_BYTES[self.return_mode]
         table["product"] = self._facts.product
         return EncodedPackets(stamps_ns, np.frombuffer(table.tobytes(), np.uint8).reshape(packets, -1))
 
@@ -133,12 +148,12 @@ class VelodyneSensor:
         """(F,) since `start_ns`."""
         packet_us = (first_packet + np.arange(packets)) * self._packet_us
         slot_us = self._facts.slot_us[0][:: self._facts.lasers][: self._firings_per_block]
-        block_us = np.arange(BLOCKS) * self._facts.column_us
+        block_us = np.arange(self._columns) * self._facts.column_us
         return np.asarray((packet_us[:, None, None] + block_us[:, None] + np.array(slot_us, np.float64)).reshape(-1))
 
     def _block_us(self, first_packet: int, packets: int) -> F64:
-        """(packets, 12) times of the first firing of each block, since `start_ns`."""
-        return self._firing_us(first_packet, packets).reshape(packets, BLOCKS, -1)[:, :, 0]
+        """(packets, columns) times of the first firing of each block, since `start_ns`."""
+        return self._firing_us(first_packet, packets).reshape(packets, self._columns, -1)[:, :, 0]
 
     def _azimuth_rad(self, times_us: F64) -> F64:
         return np.asarray(np.deg2rad(self._start_azimuth_deg) + 2 * np.pi * self._turn_hz * 1e-6 * times_us)
@@ -154,7 +169,9 @@ class VelodynePattern:
 
     def __init__(self, scenario: LidarScenario) -> None:
         start_ns = round(scenario.phase_ms * MS)
-        self.sensor = VelodyneSensor(scenario.model, start_ns, scenario.rate_hz, scenario.start_azimuth_deg)
+        self.sensor = VelodyneSensor(
+            scenario.model, start_ns, scenario.rate_hz, scenario.start_azimuth_deg, scenario.return_mode
+        )
         self._stride = scenario.firing_stride
         self.elevation_rad: F64 = built_in_table(scenario.model).elevation_rad
         self.range_step_m = MODELS[scenario.model].range_step_m

@@ -21,6 +21,7 @@ from lidcam.bags.simulator.world.scene import Scene
 from lidcam.pipeline.core.arrays import F32, F64, I16, I64, U8
 from lidcam.pipeline.core.camera import CameraModel
 
+MOMENTS = 9  # averaged for a blurred image; an odd number, as the truth is that of the middle
 FRACTION = 64  # images are kept in this fraction of a pixel value until noise is added
 MAX_LIGHT = 4.0  # beyond, light is clipped
 SHOULDER = 0.55  # beyond, the tone curve compresses highlights instead of clipping them
@@ -35,7 +36,7 @@ class CameraImage:
     """One image and its ground truth."""
 
     rgb: U8  # (H, W, 3) sRGB
-    movers: I16  # (H, W) row of the mover in the middle of each pixel; -1 for the static world
+    movers: I16  # (H, W) row of the mover in the middle of each pixel and of the exposure; -1 for the static world
     alone_px: I64  # (M,) number of pixels of each mover without occlusion
     alone_xyxy: F64  # (M, 4) left, top, right, bottom of these pixels; NaN for none
 
@@ -63,12 +64,29 @@ class Camera:
         """Pose (a single one) of the optical frame (z forward, x right, y down) in the world."""
         return self._path.poses(np.array([time_ns], np.int64))
 
+    @property
+    def after_ns(self) -> int:
+        """Time from the middle of an exposure to its end; movers must be known until then."""
+        return round(self.scenario.exposure_ms * 5e5) if self.scenario.motion_blur else 0
+
     def image(self, number: int, time_ns: int) -> CameraImage:
-        """Image `number`, taken at a time; independent of earlier images."""
-        still, static = self._static(time_ns)
-        truth = put_movers(self._scene, self._light, self._lens, still, time_ns)
-        developed = static.copy()
-        developed.reshape(-1, 3)[truth.pixels] = self._film.developed_pixels(truth.linear, truth.pixels)
+        """Image `number`, with the middle of its exposure at a time; independent of earlier images."""
+        moments = self._moments(time_ns)
+        stills = [self._static(moment) for moment in moments]
+        seen = [
+            put_movers(self._scene, self._light, self._lens, still, moment)
+            for (still, _), moment in zip(stills, moments, strict=True)
+        ]
+        truth, developed = seen[len(seen) // 2], stills[0][1].copy()
+        if len(seen) == 1:
+            developed.reshape(-1, 3)[truth.pixels] = self._film.developed_pixels(truth.linear, truth.pixels)
+        else:
+            light = np.zeros_like(stills[0][0].linear)
+            for (still, _), moving in zip(stills, seen, strict=True):
+                linear = still.linear.copy()
+                linear[moving.pixels] = moving.linear
+                light += linear / np.float32(len(seen))
+            developed = self._film.developed(light.reshape(developed.shape))
         owner = truth.owner.reshape(self.model.height_px, self.model.width_px)
         return CameraImage(self._film.read_out(developed, number), owner, truth.alone_px, truth.alone_xyxy)
 
@@ -80,6 +98,14 @@ class Camera:
             self._kept = still, self._film.developed(still.linear.reshape(shape))
         return self._kept
 
+    def _moments(self, time_ns: int) -> list[int]:
+        """Evenly spread times of the exposure around its middle; only the middle without blur."""
+        exposure_ns = self.scenario.exposure_ms * 1e6
+        if not self.scenario.motion_blur or not exposure_ns:
+            return [time_ns]
+        steps = (np.arange(MOMENTS) - (MOMENTS - 1) / 2) / MOMENTS
+        return [max(time_ns + round(step * exposure_ns), 0) for step in steps]
+
 
 class Film:
     """The image sensor of a camera: exposure, vignette, tone, sRGB and noise."""
@@ -89,6 +115,7 @@ class Film:
         self._height, self._width = height, width = scenario.height_px, scenario.width_px
         x = (np.arange(width) - (width - 1) / 2) / max(np.hypot(width, height) / 2, 1)
         y = (np.arange(height) - (height - 1) / 2) / max(np.hypot(width, height) / 2, 1)
+        exposure *= scenario.gain
         loss = 1 - VIGNETTE * (x**2 + y[:, None] ** 2)
         self._scale = np.asarray(exposure * loss * (65535 / MAX_LIGHT), np.float32)[..., None]
 

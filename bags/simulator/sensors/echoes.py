@@ -65,11 +65,11 @@ def intensity(share: F64) -> F64:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Echoes:
-    """The strongest echoes of N beams."""
+    """The strongest and the last echo of N beams."""
 
-    range_m: F64  # (N,) metres without noise; `NO_ECHO` for none
-    share: F64  # (N,) share of the beam's light
-    mover: I64  # (N,) row of the mover it comes from
+    range_m: F64  # (N, 2) metres of the strongest and the last echo, without noise; `NO_ECHO` for none
+    share: F64  # (N, 2) share of the beam's light
+    mover: I64  # (N, 2) row of the mover it comes from
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,21 +82,31 @@ class Reflected(Table):
     mover: I64  # (K,) row of the mover it comes from
 
 
-def strongest_echoes(light: Reflected, count: int, *, reach_m: float, nearest_m: float, apart_m: float) -> Echoes:
-    """The strongest echo of each of the beams 0 to `count` - 1, from their light in any order.
+def distinct_echoes(
+    light: Reflected, count: int, *, reach_m: float, nearest_m: float, apart_m: float, second_strongest: bool
+) -> Echoes:
+    """The echoes of the beams 0 to `count` - 1, from their light in any order.
 
     Surfaces less than `apart_m` apart give one echo at the light-weighted mean of their ranges, which makes the mixed
-    points between two things. The longest range is `reach_m` for a share of 1.
+    points between two things. The longest range is `reach_m` for a share of 1. With `second_strongest` the strongest
+    echo is replaced by the second strongest where it is also the last, as a Velodyne in dual mode does.
     """
-    echoes = Echoes(np.full(count, NO_ECHO), np.zeros(count), np.full(count, STATIC, np.int64))
+    echoes = Echoes(np.full((count, 2), NO_ECHO), np.zeros((count, 2)), np.full((count, 2), STATIC, np.int64))
     found = _echoes_in_order(light.select(light.range_m >= nearest_m), apart_m)
     found = found.select(found.share * reach_m**2 >= found.range_m**2)
     if not len(found.beam):
         return echoes
-    found = found.select(np.lexsort((found.share / found.range_m**2, found.beam)))
-    found = found.select(np.append(found.beam[1:] != found.beam[:-1], True))
-    echoes.range_m[found.beam], echoes.share[found.beam] = found.range_m, found.share
-    echoes.mover[found.beam] = found.mover
+    by_power = np.lexsort((found.share / found.range_m**2, found.beam))
+    last = np.flatnonzero(np.append(found.beam[1:] != found.beam[:-1], True))
+    strongest = by_power[last]
+    if second_strongest:
+        several = np.diff(last, prepend=-1) > 1
+        strongest = np.where(several & (strongest == last), by_power[last - 1], strongest)
+    for column, rows in enumerate((strongest, last)):
+        beam = found.beam[rows]
+        echoes.range_m[beam, column] = found.range_m[rows]
+        echoes.share[beam, column] = found.share[rows]
+        echoes.mover[beam, column] = found.mover[rows]
     return echoes
 
 

@@ -13,13 +13,16 @@ import numpy as np
 
 from lidcam.bags.simulator.scenario.sensors import LidarScenario
 from lidcam.bags.simulator.sensors.beams import Beams, EncodedPackets, VelodynePattern, pattern_of
-from lidcam.bags.simulator.sensors.echoes import NO_ECHO, Echoes, Optics, Reflected, intensity, strongest_echoes
+from lidcam.bags.simulator.sensors.echoes import NO_ECHO, Echoes, Optics, Reflected, distinct_echoes, intensity
 from lidcam.bags.simulator.sensors.timing import random_numbers
 from lidcam.bags.simulator.world.motion import FixedPath, Path, Span, turned
 from lidcam.bags.simulator.world.rays import Hits, Rays, dotted
 from lidcam.bags.simulator.world.scene import Scene
-from lidcam.pipeline.core.arrays import F32, F64, I64, U16, Bools, join_rows
+from lidcam.pipeline.core.arrays import F32, F64, I64, U8, U16, Bools, join_rows
 
+# Columns of `Echoes`, and return types as in `PointCloud.return_type`
+STRONGEST, LAST = 0, 1
+RETURN_STRONGEST, RETURN_LAST, RETURN_BOTH = 1, 2, 3
 MAX_STEPS = 0xFFFF
 
 SKY_M = 1e5  # range of a beam that hits nothing, in the search for edges
@@ -40,6 +43,7 @@ class Sweep:
     intensity: F32  # (N,) whole numbers from 0 to 255, on Velodyne's scale
     ring: U16  # (N,) from the lowest elevation up
     time_offset_ns: I64  # (N,) after `begin_ns`
+    return_type: U8 | None  # (N,) 1 the strongest echo, 2 the last, 3 both; None with one echo per beam
     hits_per_mover: I64  # (M,) number of points on each mover of the scene
     hit_offsets_ns: I64  # (M,) sum of the time offsets of these points
     packets: EncodedPackets | None  # by a clock that started with the scenario; None without packet output
@@ -67,6 +71,7 @@ class Lidar:
         self._by_elevation = np.argsort(self._pattern.elevation_rad, kind="stable")
         self._rings = np.empty(len(self._by_elevation), np.uint16)
         self._rings[self._by_elevation] = np.arange(len(self._by_elevation), dtype=np.uint16)
+        self._dual = scenario.return_mode == "dual"
 
     def begin_ns(self, number: int) -> int:
         """True time of the first firing of a sweep."""
@@ -85,17 +90,25 @@ class Lidar:
         range_m, brightness = steps * self._pattern.range_step_m, self._brightness(share)
         packets = None
         if self.scenario.output != "points" and isinstance(self._pattern, VelodynePattern):
-            shape, first = beams.times_ns.shape, self._pattern.packets(number).start
+            shape = (*beams.times_ns.shape, *([2] if self._dual else []))
             reflectivity = brightness.reshape(shape).astype(np.uint8)
-            packets = self._pattern.sensor.encode(first, range_m.reshape(shape), reflectivity)
+            packets = self._pattern.sensor.encode(
+                self._pattern.packets(number).start, range_m.reshape(shape), reflectivity
+            )
 
-        beam = np.flatnonzero(steps)
-        laser = beam % len(self._rings)
-        xyz, kept_m = beams.measured_directions.reshape(-1, 3).take(beam, 0), range_m.take(beam)
+        return_type = None
+        if self._dual:
+            both = steps[:, 0] == steps[:, 1]
+            steps[both, 0] = NO_ECHO
+            return_type = np.stack([np.full(len(steps), RETURN_LAST), np.where(both, RETURN_BOTH, RETURN_STRONGEST)], 1)
+        kept = np.flatnonzero(steps)
+        beam, laser = kept // steps.shape[1], kept // steps.shape[1] % len(self._rings)
+        directions = beams.measured_directions.reshape(-1, 3)
+        xyz, kept_m = directions.take(beam, 0), range_m.reshape(-1).take(kept)
         for axis in range(3):
             xyz[:, axis] *= kept_m
         xyz += beams.origins.take(laser, 0)
-        hit = mover.take(beam)
+        hit = mover.reshape(-1)[kept]
         time_offset_ns = beams.times_ns.reshape(-1)[beam] - self.begin_ns(number)
         on_mover, count = np.flatnonzero(hit >= 0), len(self._scene.movers)
         offsets_ns = np.zeros(count, np.int64)
@@ -103,9 +116,10 @@ class Lidar:
         return Sweep(
             self.begin_ns(number),
             xyz.astype(np.float32),
-            brightness.take(beam).astype(np.float32),
+            brightness.reshape(-1)[kept].astype(np.float32),
             self._rings[laser],
             time_offset_ns,
+            None if return_type is None else return_type.reshape(-1)[kept].astype(np.uint8),
             np.bincount(hit.take(on_mover), minlength=count).astype(np.int64),
             offsets_ns,
             packets,
@@ -116,19 +130,23 @@ class Lidar:
         return np.asarray(np.clip(np.rint(scaled), 0, 255))
 
     def _received(self, beams: Beams, number: int) -> tuple[F64, F64, I64]:
-        """Noisy range (0 for no echo), share of light and mover of each beam."""
+        """Noisy range (0 for no echo), share of light, mover: (N, 1), or (N, 2) for the last and the strongest echo."""
         count = beams.times_ns.size
+        columns = {"strongest": [STRONGEST], "last": [LAST], "dual": [LAST, STRONGEST]}[self.scenario.return_mode]
         random = random_numbers(self._seed, self._name, "lidar", number)
         speckle = np.exp(-SPECKLE * np.abs(random.standard_normal(count, np.float32)))
-        noise_m = self.scenario.range_noise_m * random.standard_normal(count, np.float32)
-        lost = random.random(count, np.float32) < self.scenario.dropout
+        noise_m = self.scenario.range_noise_m * random.standard_normal((count, len(columns)), np.float32)
+        lost = random.random((count, len(columns)), np.float32) < self.scenario.dropout
 
         echoes = self._echoes(beams, speckle.astype(np.float64))
-        range_m = np.maximum(echoes.range_m + noise_m, 0.0)
-        return np.where((echoes.range_m > 0) & ~lost, range_m, NO_ECHO), echoes.share, echoes.mover
+        range_m, share, mover = echoes.range_m[:, columns], echoes.share[:, columns], echoes.mover[:, columns]
+        if self._dual:  # a single echo is measured once
+            one = range_m[:, 0] == range_m[:, 1]
+            noise_m[one, 0], lost[one, 0] = noise_m[one, 1], lost[one, 1]
+        return np.where((range_m > 0) & ~lost, np.maximum(range_m + noise_m, 0.0), NO_ECHO), share, mover
 
     def _echoes(self, beams: Beams, speckle: F64) -> Echoes:
-        """The echo of each beam without noise; `speckle` (N,) is a factor on the light of each beam."""
+        """The echoes of all beams without noise; `speckle` (N,) is a factor on the light of each beam."""
         rays, rotation = self._placed(beams)
         span = Span(rays.times_ns)
         hits = self._scene.cast(rays, span)
@@ -136,7 +154,8 @@ class Lidar:
         share = speckle * self._optics.share(hits, cos_incidence)
         found = (hits.distance_m <= self.scenario.max_range_m * np.sqrt(share)) & (share > 0)
         found &= hits.distance_m >= self.scenario.min_range_m
-        echoes = Echoes(np.where(found, hits.distance_m, NO_ECHO), share, hits.mover.copy())
+        range_m = np.where(found, hits.distance_m, NO_ECHO)
+        echoes = Echoes(np.stack([range_m] * 2, 1), np.stack([share] * 2, 1), np.stack([hits.mover] * 2, 1))
 
         rim, rim_rays, rim_hits = self._rim(hits, rays, beams, rotation, span)
         glass = np.flatnonzero(self._optics.transmission.take(hits.material, mode="wrap"))
@@ -148,12 +167,13 @@ class Lidar:
         weight = np.full(len(beam), RIM_WEIGHT)
         weight[: len(mixed)] = 1 - RIM_WEIGHT * np.bincount(beam[len(mixed) :], minlength=len(mixed))
         rays, hits = join_rows(rays.select(mixed), rim_rays), join_rows(hits.select(mixed), rim_hits)
-        some = strongest_echoes(
+        some = distinct_echoes(
             self._light(beam, rays, hits, weight * speckle[mixed][beam], span),
             len(mixed),
             reach_m=self.scenario.max_range_m,
             nearest_m=self.scenario.min_range_m,
             apart_m=self.scenario.echo_separation_m,
+            second_strongest=self._dual,
         )
         echoes.range_m[mixed], echoes.share[mixed], echoes.mover[mixed] = some.range_m, some.share, some.mover
         return echoes

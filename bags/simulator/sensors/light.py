@@ -46,6 +46,7 @@ class Light:
         self.towards: F64 = np.array(
             [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
         )
+        self.shadows = sun.shadows
         self._towards = self.towards.astype(np.float32)
         self._mirror = np.array([material.mirror for material in palette], np.float32)
         on_ground = SUN_RGB * max(self._towards[2], 0.15) + SKY_IRRADIANCE_RGB

@@ -104,7 +104,7 @@ class _View:
         self._radius = float(np.linalg.norm(self.size)) / 2 + 2 * BOX_MARGIN_M
         self.window = self.contact_window = self.shadow_window = EMPTY
         reach = MAX_REACHES * CONTACT_REACH * self.size[2]
-        way = max(self._middle[2] + self._radius - lowest_m, 0.0) / light.towards[2]
+        way = max(self._middle[2] + self._radius - lowest_m, 0.0) / light.towards[2] if light.shadows else 0.0
         around = self._to_camera.apply((self._middle - way / 2 * light.towards)[None])[0]
         if not lens.may_see(around, self._radius + 2 * reach + way / 2):
             return
@@ -112,9 +112,10 @@ class _View:
         self.window = lens.window(self._to_camera.apply(corners))
         flat = _corners(self.center * (1, 1, 0), np.array([*(self.size[:2] + 2 * reach), 0.2 * self.size[2]]))
         self.contact_window = lens.window(self._to_camera.apply(self.base.apply(flat)))
-        ways = np.maximum(corners[:, 2:] - lowest_m, 0.0) / light.towards[2]
-        hull = np.concatenate([corners, corners - ways * light.towards])
-        self.shadow_window = lens.window(self._to_camera.apply(hull))
+        if light.shadows:
+            way = np.maximum(corners[:, 2:] - lowest_m, 0.0) / light.towards[2]
+            hull = np.concatenate([corners, corners - way * light.towards])
+            self.shadow_window = lens.window(self._to_camera.apply(hull))
 
     @cached_property
     def parts(self) -> list[PlacedPart]:
@@ -238,7 +239,7 @@ def _shadows(light: Light, lens: Lens, still: Still, views: Sequence[_View]) -> 
 def _light_of_movers(scene: Scene, light: Light, views: Sequence[_View], surfaces: Surfaces) -> F32:
     """Light (N, 3) from surfaces of movers, with all shadows."""
     shading = lit_surfaces(scene, light, surfaces)
-    if len(surfaces.distance):
+    if light.shadows and len(surfaces.distance):
         sunny = np.flatnonzero(shading.sun[:, 1] > 0)
         points = surfaces.take(sunny).points
         for view in views:

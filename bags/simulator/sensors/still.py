@@ -83,9 +83,10 @@ def lit_surfaces(scene: Scene, light: Light, surfaces: Surfaces) -> Shading:
         return Shading(rest, sun)
     albedo = surface_rgb(scene.palette, surfaces.material, surfaces.local, surfaces.normal)
     shading = light.surface(albedo, surfaces.material, surfaces.normal, surfaces.directions, surfaces.distance)
-    facing = np.flatnonzero(shading.sun[:, 1] > 0)
-    points = surfaces.take(facing).points
-    shading.sun[facing.compress(scene.static.occludes(points, light.towards))] = 0.0
+    if light.shadows:
+        facing = np.flatnonzero(shading.sun[:, 1] > 0)
+        points = surfaces.take(facing).points
+        shading.sun[facing.compress(scene.static.occludes(points, light.towards))] = 0.0
     return shading
 
 

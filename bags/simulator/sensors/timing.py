@@ -55,8 +55,10 @@ class Timing:
         """Whether the sensor still works at a time."""
         return self.sensor.dies_at_s is None or begin_ns < self.sensor.dies_at_s * 1e9
 
-    def measurement(self, number: int, *, begin_ns: int | None = None, end_ns: int | None = None) -> Measurement:
-        """One measurement: at its nominal time unless another begin and end are given."""
+    def measurement(
+        self, number: int, *, begin_ns: int | None = None, end_ns: int | None = None, lasts_ns: int = 0
+    ) -> Measurement:
+        """One measurement: from its nominal start unless another is given, to `lasts_ns` later unless its end is."""
         random = random_numbers(self.seed, self.name, "timing", number)
         jitter_ns, delay_ns, luck = random.standard_normal(), random.standard_normal(), random.random()
         max_jitter_ns = 0.45 * self.period_ns  # measurements stay in order
@@ -67,6 +69,6 @@ class Timing:
             begin, stamp = max(begin + jitter_ns, 0), max(begin + jitter_ns, 0) + stamp - begin
         else:
             stamp += jitter_ns
-        end = begin if end_ns is None else end_ns
+        end = begin + lasts_ns if end_ns is None else end_ns
         delay_ms = max(self.sensor.log_delay_ms + delay_ns * self.sensor.log_jitter_ms, 0.0)
         return Measurement(number, begin, end, stamp, end + round(delay_ms * MS), luck < self.sensor.drop_rate)

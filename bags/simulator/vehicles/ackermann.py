@@ -34,6 +34,15 @@ KEY_COMMANDS: Mapping[str, AckermannCommand] = MappingProxyType(
 QUIT = "o"
 
 
+def commands_of_keys(keys: str, interval_s: float) -> list[tuple[int, AckermannCommand]]:
+    """Times in nanoseconds and commands of keys pressed at a fixed pace from time 0.
+
+    A key without a command only waits; keys after the quit key are ignored.
+    """
+    pressed = enumerate(keys.partition(QUIT)[0])
+    return [(round(number * interval_s * 1e9), KEY_COMMANDS[key]) for number, key in pressed if key in KEY_COMMANDS]
+
+
 @dataclass(frozen=True, slots=True)
 class Ackermann:
     """A car's chassis and its limits."""

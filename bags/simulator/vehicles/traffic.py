@@ -1,4 +1,4 @@
-"""Traffic, step by step: route followers, and cars under remote control."""
+"""Traffic, step by step: route followers, cars driven by scripted keys, cars under remote control."""
 
 import math
 from bisect import bisect_right
@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 
 from lidcam.bags.simulator.scenario.scenario import Scenario, listed
 from lidcam.bags.simulator.scenario.traffic import VehicleScenario
-from lidcam.bags.simulator.vehicles.ackermann import HABITS, Ackermann, AckermannCommand, chassis_of
+from lidcam.bags.simulator.vehicles.ackermann import HABITS, Ackermann, AckermannCommand, chassis_of, commands_of_keys
 from lidcam.bags.simulator.vehicles.followers import Follower, Seen
 from lidcam.bags.simulator.vehicles.footprints import (
     FULL_SIZE,
@@ -41,6 +41,7 @@ class _Vehicle:
         self.shape = shape_of(scenario.shape, scenario.scale)
         self.ground = footprint(self.shape, state)
         self.trajectory = Trajectory(0, state)
+        self.script = commands_of_keys(scenario.keys, scenario.key_interval_s)[::-1]
         self.times: list[int] = []
         self.commands: list[AckermannCommand] = []
         self.asked = AckermannCommand()
@@ -136,6 +137,8 @@ class Traffic:
             self._find_near()
             self._decide(now_ns)
         for vehicle in self._vehicles.values():
+            while vehicle.script and vehicle.script[-1][0] <= now_ns:
+                vehicle.ask(now_ns, vehicle.script.pop()[1])
             self._move(vehicle)
             vehicle.trajectory.append(now_ns + STEP_NS, vehicle.state)
         self._steps += 1
@@ -236,7 +239,9 @@ def _vehicle(order: int, name: str, vehicle: VehicleScenario, routes: dict[str, 
             state = follower.first
         elif "start" not in vehicle.model_fields_set:
             state = follower.first._replace(speed_m_s=0.0, walked_m=0.0)
-    return _Vehicle(name, vehicle, None if driven else follower, chassis, state)
+    if driven:
+        vehicle, follower = vehicle.model_copy(update={"keys": ""}), None
+    return _Vehicle(name, vehicle, follower, chassis, state)
 
 
 def _stretches_of(

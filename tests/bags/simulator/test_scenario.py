@@ -80,10 +80,14 @@ def test_a_sensors_body_is_turned_about_the_axes_of_what_carries_it() -> None:
         ({"vehicles": {"a": {"route": "r"}}}, "vehicles.a.route: expected one of none, found 'r'"),
         ({"vehicles": {"a": {"ego": True}, "b": {"ego": True}}}, "expected at most one ego, found a, b"),
         (
+            {"routes": {"r": {"points_m": [[0, 0], [1, 0]]}}, "vehicles": {"a": {"route": "r", "keys": "w"}}},
+            "expected a route or keys, found both",
+        ),
+        (
             {"routes": {"r": {"points_m": [[0, 0], [1, 0]], "yields_to": ["q"]}}},
             "routes.r.yields_to: expected one of r, found 'q'",
         ),
-        ({"vehicles": {"a": {"shape": "pedestrian", "commands": True}}}, "expected a route for a pedestrian"),
+        ({"vehicles": {"a": {"shape": "pedestrian", "keys": "w"}}}, "expected a route for a pedestrian"),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: Path, changes: dict[str, Any], message: str) -> None:

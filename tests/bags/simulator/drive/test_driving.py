@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from lidcam.bags.simulator.drive.driving import RemoteControl, terminal_keys
-from lidcam.bags.simulator.vehicles.ackermann import KEY_COMMANDS, AckermannCommand
+from lidcam.bags.simulator.vehicles.ackermann import KEY_COMMANDS, AckermannCommand, commands_of_keys
 
 FORWARD, STOP = AckermannCommand(0.3, 0.0), AckermannCommand(0.0, 0.0)
 Terminal = tuple[int, int]  # the user's end, and the program's end
@@ -22,6 +22,14 @@ def test_keys_are_those_of_the_predecessor_system() -> None:
         **{"w": (0.3, 0.0), "s": (-0.3, 0.0), "x": (0.0, 0.0)},
         **{"a": (0.3, pytest.approx(0.49)), "d": (0.3, pytest.approx(-0.49))},
     }
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [("", []), ("w..x", [(0, FORWARD), (1_500_000_000, STOP)]), ("woa", [(0, FORWARD)]), ("o", [])],
+)
+def test_scripts(keys: str, expected: list[tuple[int, AckermannCommand]]) -> None:
+    assert commands_of_keys(keys, 0.5) == expected
 
 
 @pytest.mark.parametrize(

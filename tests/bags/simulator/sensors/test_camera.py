@@ -21,6 +21,7 @@ BLACK = Material("black", (0.05, 0.05, 0.05))
 PALE = Material("pale", (0.95, 0.95, 0.95))
 BARREL: dict[str, Any] = {"distortion": (-0.25, 0.08, 0.001, -0.0005, 0.0)}
 FISHEYE: dict[str, Any] = {"distortion_model": "equidistant", "distortion": (-0.02, 0.003, 0.0, 0.0)}
+MS = 1_000_000
 
 
 def ground(half_m: float = 30.0) -> Mesh:
@@ -86,7 +87,7 @@ def test_edges_of_a_box_are_where_they_are_projected(lens: dict[str, Any], moves
         scene = Scene(ground(), [box_mover(start=(*place, yaw), size=size, material=BLACK)])
     else:
         scene = Scene(merged(ground(), box((*place, size[2] / 2), size, BLACK, yaw=yaw)), [])
-    camera = camera_at(scene, sun=SunScenario(elevation_deg=90), **lens)
+    camera = camera_at(scene, sun=SunScenario(shadows=False), **lens)
     values = (brightness(camera.image(0, 0)) / 255) ** 2.2
     cos, sin = np.cos(yaw), np.sin(yaw)
     outer = [(place[0] + x * cos - y * sin, place[1] + x * sin + y * cos) for x in (-0.5, 0.5) for y in (-0.7, 0.7)]
@@ -162,6 +163,20 @@ def test_noise_is_as_strong_as_asked_for_and_another_one_in_each_image() -> None
     assert abs(np.corrcoef((first - clean)[middle], (second - clean)[middle])[0, 1]) < 0.05
 
 
+def test_motion_blur_spreads_what_moves_over_its_way() -> None:
+    scene = Scene(ground(), [box_mover(start=(6.0, -1.0, np.pi / 2), speed_m_s=8.0, size=(1, 1, 1), material=BLACK)])
+    settings: dict[str, Any] = {"exposure_ms": 40.0, "sun": SunScenario(shadows=False)}
+    sharp = brightness(camera_at(scene, **settings).image(1, 100 * MS))
+    camera = camera_at(scene, motion_blur=True, **settings)
+    blurred = brightness(camera.image(1, 100 * MS))
+    row = where(camera, (5.5, 0.0, 0.8))[0]
+    widths = [int((np.abs(np.diff(values[row])) > 2).sum()) for values in (sharp, blurred)]
+    # 8 m/s for 40 ms are 0.32 m: at 5.5 m, and 260 px of focal length, 15 px at both sides.
+    assert widths[0] <= 10
+    assert 18 <= widths[1] <= 40
+    assert np.abs(sharp - blurred)[:, :60].max() < 3  # what stands still stays sharp
+
+
 # --- on a vehicle
 
 
@@ -176,3 +191,5 @@ def test_camera_on_a_vehicle_sees_what_a_fixed_one_sees_from_there() -> None:
     fixed = camera_at(scene, carrier=FixedPath(Transform("world", "carrier", turn)), **BARREL)
     np.testing.assert_array_equal(mounted.image(0, 10**9).rgb, fixed.image(0, 10**9).rgb)
     assert (mounted.image(0, 0).rgb != mounted.image(0, 10**9).rgb).mean() > 0.2
+    blurred = camera_at(scene, carrier=carrier, motion_blur=True, exposure_ms=50.0).image(0, 500 * MS)
+    assert blurred.rgb.shape == (240, 320, 3)

@@ -6,9 +6,9 @@ from lidcam.bags.simulator.sensors.echoes import (
     NO_ECHO,
     Echoes,
     Reflected,
+    distinct_echoes,
     intensity,
     returned_share,
-    strongest_echoes,
 )
 from lidcam.bags.simulator.world.mesh import Material
 
@@ -20,15 +20,16 @@ def share(material: Material, incidence_deg: float) -> float:
     return float(returned_share(np.array([material.reflectivity]), np.array([material.mirror]), cos)[0])
 
 
-def echoes(surfaces: list[tuple[float, float, int]]) -> Echoes:
+def echoes(surfaces: list[tuple[float, float, int]], *, second_strongest: bool = False, reach_m: float = 100) -> Echoes:
     """Of one beam that meets surfaces (range, share, mover)."""
     range_m, share, mover = (np.array(column) for column in zip(*surfaces, strict=True))
-    return strongest_echoes(
+    return distinct_echoes(
         Reflected(np.zeros(len(mover), np.int64), range_m.astype(np.float64), share.astype(np.float64), mover),
         1,
-        reach_m=100.0,
+        reach_m=reach_m,
         nearest_m=1.0,
         apart_m=0.5,
+        second_strongest=second_strongest,
     )
 
 
@@ -44,16 +45,26 @@ def test_intensity_is_on_the_scale_of_velodyne() -> None:
 
 
 def test_the_strongest_is_the_one_of_which_max_reflectivity_arrives() -> None:
-    assert echoes([(10.0, 0.02, 3), (30.0, 0.3, 7)]).range_m.tolist() == [30.0]
+    far = echoes([(10.0, 0.02, 3), (30.0, 0.3, 7)])
+    assert far.range_m.tolist() == [[30.0, 30.0]]
     near = echoes([(10.0, 0.04, 3), (30.0, 0.3, 7)])
-    assert (near.range_m.tolist(), near.share.tolist(), near.mover.tolist()) == ([10.0], [0.04], [3])
+    assert near.range_m.tolist() == [[10.0, 30.0]]
+    assert near.share.tolist() == [[0.04, 0.3]]
+
+
+def test_two_echoes_are_sent_though_the_last_is_the_strongest() -> None:
+    found = echoes([(10.0, 0.02, 3), (30.0, 0.3, 7)], second_strongest=True)
+    assert found.range_m.tolist() == [[10.0, 30.0]]
+    assert found.mover.tolist() == [[3, 7]]
+    alone = echoes([(10.0, 0.0001, 3), (30.0, 0.3, 7)], second_strongest=True)
+    assert alone.range_m.tolist() == [[30.0, 30.0]]
 
 
 def test_surfaces_close_together_make_one_echo_between_them() -> None:
     found = echoes([(10.0, 0.3, 1), (10.4, 0.1, 2)])
-    assert found.range_m.tolist() == [pytest.approx(10.1)]
-    assert found.share.tolist() == [pytest.approx(0.4)]
-    assert found.mover.tolist() == [1]
+    assert found.range_m.tolist() == [[pytest.approx(10.1)] * 2]
+    assert found.share.tolist() == [[pytest.approx(0.4)] * 2]
+    assert found.mover.tolist() == [[1, 1]]
 
 
 @pytest.mark.parametrize(
@@ -62,4 +73,4 @@ def test_surfaces_close_together_make_one_echo_between_them() -> None:
     ids=["nothing", "too near", "black", "too dark"],
 )
 def test_no_echo(surface: tuple[float, float, int]) -> None:
-    assert echoes([surface, (np.inf, 0.0, -1)]).range_m.tolist() == [NO_ECHO]
+    assert echoes([surface, (np.inf, 0.0, -1)]).range_m.tolist() == [[NO_ECHO, NO_ECHO]]

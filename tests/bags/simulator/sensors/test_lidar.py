@@ -55,18 +55,23 @@ def yard() -> Scene:
     return scene([GROUND, wall(15, WHITE), wall(-20, GREY), box((0, 12, 1), (3, 1, 2), RETRO), *posts], [car])
 
 
-@pytest.mark.parametrize("model", ["VLP-16", "HDL-32E", "VLP-32C"])
-def test_packets_hold_the_same_points(model: str) -> None:
+@pytest.mark.parametrize(
+    ("model", "mode"), [("VLP-16", "dual"), ("Puck Hi-Res", "last"), ("HDL-32E", "strongest"), ("VLP-32C", "dual")]
+)
+def test_packets_hold_the_same_points(model: str, mode: str) -> None:
     """By lidcam's decoder, and by that of velodyne-decoder."""
-    sweep = lidar(yard(), fixed_at((0, 0, 1.8)), model=model, output="both", phase_ms=20.0).sweep(3)
+    sweep = lidar(yard(), fixed_at((0, 0, 1.8)), model=model, return_mode=mode, output="both", phase_ms=20.0).sweep(3)
     cloud, packets = decode(sweep), sweep.packets
     assert packets is not None
     assert_as_judged(cloud, judged(model, packets.payload, packets.stamps_ns), model)
     assert len(sweep) == len(cloud) > 5000
     decoded_ns = cloud.stamp_ns + cloud.time_offset_ns.astype(np.int64)
+    types = np.zeros(len(sweep), np.uint8) if sweep.return_type is None else sweep.return_type
+    assert cloud.return_type is not None
+    found = np.zeros(len(sweep), np.uint8) if sweep.return_type is None else cloud.return_type
     # The firing's own time: decoded ones differ by less than the microsecond that packets are rounded to.
-    ours = np.lexsort((sweep.ring, (times_ns(sweep) + 500) // 1000))
-    theirs = np.lexsort((cloud.ring, (decoded_ns + 500) // 1000))
+    ours = np.lexsort((types, sweep.ring, (times_ns(sweep) + 500) // 1000))
+    theirs = np.lexsort((found, cloud.ring, (decoded_ns + 500) // 1000))
     same = np.flatnonzero(sweep.ring[ours] != cloud.ring[theirs])
     assert len(same) == 0
     np.testing.assert_allclose(times_ns(sweep)[ours], decoded_ns[theirs], atol=1000)
@@ -75,6 +80,7 @@ def test_packets_hold_the_same_points(model: str) -> None:
     # As the azimuths are those that packets tell, hardly anything is left but the rounding of the turn rate.
     assert np.median(error_m) < 0.001
     np.testing.assert_array_equal(sweep.intensity[ours], cloud.intensity[theirs])
+    np.testing.assert_array_equal(types[ours], found[theirs])
 
 
 def test_a_car_is_skewed_by_its_motion_during_the_sweep() -> None:
@@ -143,6 +149,31 @@ def test_beams_pass_through_glass() -> None:
     two = lidar(scene([wall(10, GLASS), wall(11, GLASS), wall(20, WHITE)]), model="VLP-16", dropout=0.0).sweep(0)
     ahead = np.abs(two.xyz[:, 1:]).max(1) < 2
     assert two.intensity[ahead].mean() == pytest.approx(100 * 0.8**4, rel=0.1)
+
+
+def posts() -> Scene:
+    angles = np.deg2rad(np.arange(-60, 60, 3.0))
+    thin = [box((5 * np.cos(angle), 5 * np.sin(angle), 0), (0.1, 0.1, 8), GREY, yaw=float(angle)) for angle in angles]
+    return scene([wall(12, WHITE), *thin])
+
+
+def test_edges_make_two_returns() -> None:
+    world = posts()
+    values: dict[str, Any] = {"model": "VLP-16", "divergence_mrad": 3.0, "max_range_m": 100.0, **EXACT}
+    dual, strongest, last = (
+        lidar(world, **values, return_mode=mode).sweep(0) for mode in ("dual", "strongest", "last")
+    )
+    assert dual.return_type is not None
+    assert strongest.return_type is None
+    assert last.return_type is None
+    count = np.bincount(dual.return_type, minlength=4)
+    assert count[0] == 0
+    assert count[1] == count[2] > 200
+    assert len(strongest) == len(last) == count[3] + count[2]
+    first, second = (ranges_m(dual)[dual.return_type == kind] for kind in (1, 2))
+    assert (second - first > 0.5).all()
+    assert np.mean(first < 5.2) > 0.99
+    assert np.sum(ranges_m(last) > 6) > np.sum(ranges_m(strongest) > 6)
 
 
 def test_points_are_counted_for_the_movers_that_they_lie_on() -> None:

@@ -36,7 +36,7 @@ def camera_at(
     scenario = CameraScenario(topic="/i", info_topic="/n", frame_id="optical", position_m=(0, 0, 1), **values)
     mount = scenario.T_carrier_body("carrier")
     body: Path = FixedPath(mount) if carrier is None else MountedPath(carrier, mount)
-    return Camera("front", scenario, body, scene(static, movers), SunScenario(), 1)
+    return Camera("front", scenario, body, scene(static, movers), SunScenario(shadows=False), 1)
 
 
 def seen(movers: list[Mover], *, time_ns: int = 0, **how: Any) -> tuple[CameraImage, Visibility]:
