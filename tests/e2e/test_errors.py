@@ -129,6 +129,7 @@ def test_names_that_are_no_utf_8(lidcam: Lidcam, tmp_path: Path) -> None:
         (("--json", "--print-matches"), 2, "--json"),
         (("--workers", "0"), 2, "--workers"),
         (("--duration", "nan"), 2, "--duration"),
+        (("--duration", "-1"), 2, "expected more than 0 seconds, found -1"),
         (("--no-such-option",), 2, "--no-such-option"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",

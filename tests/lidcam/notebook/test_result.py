@@ -64,6 +64,7 @@ def test_the_tables_of_the_console_in_a_notebook(run: lidcam.RunResult) -> None:
     assert "verdict" not in page
     found = lidcam.inspect(CROSSING)
     assert isinstance(found, lidcam.Inspection)
+    assert str(found).splitlines()[1] == "verdict: sound, and all of its sensors can be used"
     assert "/lidar_north_east/velodyne_packets" in found._repr_html_()  # type: ignore[attr-defined]  # of what notebooks show, a subclass
     hostile = replace(run.objects, class_names=("<script>",) * 9)
     assert "<script>" not in hostile._repr_html_()
