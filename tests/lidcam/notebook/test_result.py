@@ -137,6 +137,8 @@ def test_speeds_and_counts_are_plotted(run: lidcam.RunResult) -> None:
     moved, stood = map(int, re.findall(r"\d+", axes.get_title(loc="left")))
     assert moved + stood == len(np.unique(run.objects.tracks))
     assert sum(bar.get_height() for bar in axes.patches) == moved
+    nobody = replace(run, objects=run.objects[:0]).plot_speeds()
+    assert [text.get_text() for text in nobody.texts] == ["no road user moved"]
     in_m_s = run.plot_speeds(units="m/s")
     assert in_m_s.get_xlim()[1] < axes.get_xlim()[1]
     with pytest.raises(lidcam.ConfigError, match="units: expected km/h or m/s, found 'mph'"):

@@ -12,7 +12,9 @@ from lidcam.outputs.report import sections
 from lidcam.pipeline.evaluation.evaluation_frame import FrameSync, Motion, SourceBoxes
 from lidcam.run.warning import RunWarning
 from lidcam.writers.report.collector import ReportCollector
+from lidcam.writers.report.grid import SparseGrid
 from lidcam.writers.report.page import PageTable, page, prose
+from lidcam.writers.report.site_map import map_extent
 
 HOSTILE = "<script>alert(1)</script>"
 WARNING = RunWarning("cam0", "silent throughout", "check its driver")
@@ -77,6 +79,16 @@ def test_the_busiest_moment_has_images_where_any_has() -> None:
         seen.add_frame(replace(one, sync=FrameSync(10 + index, {topic: 0}, {})))
     assert seen.busiest is not None
     assert (seen.busiest.log_time_ns, len(seen.busiest.boxes)) == (11, 1)
+    assert sections.busiest_note(seen) == "The busiest moment, 0.1 s after the first frame: 1 object."
+
+
+def test_a_map_of_one_car_shows_what_stands_around_it() -> None:
+    around = SparseGrid(0.1, 10_000)
+    around.add_points(np.random.default_rng(0).uniform(-20, 20, (4000, 2)))
+    low, high = map_extent([np.array([[3.0, 4.0], [3.0, 4.07]])], around)
+    assert (high - low > 35).all()
+    low, high = map_extent([np.array([[-50.0, 4.0], [50.0, 4.0]])], around)
+    np.testing.assert_allclose([low[0], high[0]], [-62, 62])
 
 
 def test_backticks_are_code() -> None:
