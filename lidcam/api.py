@@ -361,8 +361,8 @@ def compare(
     *,
     config: Config | FilePath | None = None,
     settings: Settings = (),
-    only: Sequence[str] = (),
-    allow: Sequence[str] = (),
+    only: str | Sequence[str] = (),
+    allow: str | Sequence[str] = (),
     max_different_percent: float = 0.0,
 ) -> ComparedResults:
     """Compare two results, object by object.

@@ -38,7 +38,7 @@ from lidcam.run.box_sources import KnownBoxes, box_source, boxes_2d_words, check
 from lidcam.run.build import build_graph, decided, shared_results
 from lidcam.run.choice import use_settings
 from lidcam.run.effect import named_files, settings_sha256
-from lidcam.run.first_look import corrected_by_recording
+from lidcam.run.first_look import corrected_by_recording, with_lenses
 from lidcam.run.frame import Frame
 from lidcam.run.frames import (
     RunInput,
@@ -173,7 +173,7 @@ class Run:
         self._workers = _workers(source)
         source = corrected_by_recording(source, known, self._workers)
         first_look_s = time.perf_counter() - started
-        self.source, self.found = source, found
+        self.source, self.found = source, with_lenses(found, source.rig)
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
         self._passed, self._detections, self._log_time_ns = 0, 0, source.recording.start_ns
         self._clocks = sensor_clocks(source.rig, drops)

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Unpack
 import typer
 
 from lidcam.cli.options import (
+    CHECKING,
+    OUTPUTS,
     AsJson,
     Require,
     output_option,
@@ -52,11 +54,17 @@ Examples:
 @with_job_options("config", "settings", "rig", "model_2d", "model_3d", "device", "overwrite")
 def inspect(
     paths: Annotated[list[str], typer.Argument(metavar="IN [IN ...]", help="Recording, or the parts of one.")],
-    write_rig: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a draft rig (YAML).")] = None,
+    write_rig: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a draft rig (YAML).", rich_help_panel=OUTPUTS)
+    ] = None,
     repair: Annotated[Path | None, output_option("Write all readable messages to a clean MCAP.", ".mcap")] = None,
     check: Annotated[
         bool,
-        typer.Option("--check", help="Process it all to check poses and clocks; --write-rig writes them corrected."),
+        typer.Option(
+            "--check",
+            help="Process it all to check poses and clocks; --write-rig writes them corrected.",
+            rich_help_panel=CHECKING,
+        ),
     ] = False,
     requirements: Require = None,
     as_json: AsJson = False,
@@ -173,12 +181,9 @@ def _print(
             tree |= {"check": check_tree(checked)}
         show_json(out, tree)
     else:
-        sound = "every message was copied" if repaired else "sound, and all of its sensors can be used"
-        failed = f"lidcam could not process it: {inspection.problem}"
         unmet = sum(bool(one.failure) for one in outcomes)
-        not_met = f"{unmet} of {len(outcomes)} requirements not met"
-        told = failed if inspection.problem and verdict.failures else not_met if unmet else ""
-        told = told or first_of(verdict.incomplete) or sound
+        not_met = f"{unmet} of {len(outcomes)} requirements not met" if unmet and not inspection.problem else ""
+        told = not_met or (first_of(verdict.incomplete) or "every message was copied" if repaired else "")
         print_inspection(out, inspection, told, every_topic=is_verbose())
         if checked is not None:
             from lidcam.cli.printing.rig_check import print_check

@@ -33,9 +33,9 @@ def seconds(value: float | None) -> float | None:
 
 
 def duration(value: float | None) -> float | None:
-    """Refuse durations that are 0, too large or not a number."""
-    if value == 0:
-        raise typer.BadParameter("expected more than 0 seconds")
+    """Refuse durations that are not positive, too large or not a number."""
+    if value is not None and value <= 0:
+        raise typer.BadParameter(f"expected more than 0 seconds, found {value:g}")
     return seconds(value)
 
 

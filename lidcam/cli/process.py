@@ -244,12 +244,12 @@ def _folder(recording: Location) -> Path:
 
 @contextmanager
 def made_folder(folder: Path | None) -> Iterator[None]:
-    """Make a folder for the outputs; it goes again if it was made and nothing was written into it.
+    """Make a folder for the outputs, which goes again, with the parents made for it, if nothing is written into it.
 
     Raises:
         OutputError: it cannot be made.
     """
-    is_new = folder is not None and not folder.exists()
+    made = [] if folder is None else [one for one in (folder, *folder.parents) if not one.exists()]
     try:
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
@@ -258,9 +258,9 @@ def made_folder(folder: Path | None) -> Iterator[None]:
     try:
         yield
     finally:
-        if folder is not None and is_new:
-            with suppress(OSError):  # it holds the outputs
-                folder.rmdir()
+        with suppress(OSError):  # it holds the outputs
+            for one in made:
+                one.rmdir()
 
 
 def run_process(

@@ -60,8 +60,8 @@ def compare_results(
     second: Path,
     tolerances: CompareConfig,
     *,
-    only: Sequence[str] = (),
-    allow: Sequence[str] = (),
+    only: str | Sequence[str] = (),
+    allow: str | Sequence[str] = (),
     max_different_percent: float = 0.0,
     show: Progress = not_shown,
 ) -> ComparedResults:
@@ -79,6 +79,9 @@ def compare_results(
     Raises:
         LidcamError: a result cannot be read, they are of two sites, or have no source or camera of such a name.
     """
+    only, allow = ([names] if isinstance(names, str) else names for names in (only, allow))
+    if not 0 <= max_different_percent <= 100:
+        raise ConfigError(f"max_different_percent: expected 0 to 100, found {max_different_percent:g}")
     if unknown := [one for one in allow if one not in [*AllowedDifference]]:
         raise ConfigError(f"allow: expected {', '.join(AllowedDifference)}, found {unknown[0]!r}")
     with open_result(first) as one, open_result(second) as other:

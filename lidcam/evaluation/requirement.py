@@ -72,7 +72,8 @@ class Requirement:
         if self.name.startswith(TRACKING) and self.name not in figures and not figures.tree.get(TRACKING.rstrip(".")):
             return Outcome(self, None, f"{expected}, found no tracks: result and truth need ids of tracks")
         if self.name not in figures:
-            return Outcome(self, None, f"{expected}, found no such figure: {figures.unknown(self.name)}")
+            hint = figures.unknown(self.name).partition("': ")[2]
+            return Outcome(self, None, f"{expected}, found no such figure: {hint}")
         found = figures[self.name]
         if found is None:
             return Outcome(self, None, f"{expected}, found that it is not defined{why_undefined(figures, self.name)}")

@@ -136,6 +136,9 @@ def plot_speeds(objects: Objects, axes: Any, *, km_h: bool) -> Any:
         below += heights
     axes.set(xlabel=f"median speed of each that moved, {'km/h' if km_h else 'm/s'}", ylabel="road users")
     _whole_numbers(axes, axes.yaxis)
+    if not len(speeds):
+        axes.text(0.5, 0.5, "no road user moved", transform=axes.transAxes, ha="center", color=FAINT)
+        axes.set(xticks=[], yticks=[])
     _legend(axes, is_own=is_own)
     return axes
 

@@ -1,8 +1,9 @@
 """Runs and inspections to work on: tables, plots, a viewer."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from typing import Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 from lidcam.batches.records import BatchResult
 from lidcam.inspection import Inspection
@@ -19,11 +20,34 @@ from lidcam.run.summary import DropCount, RunSummary
 from lidcam.run.tally import RunProgress
 from lidcam.writers.tables.objects import Objects
 
+if TYPE_CHECKING:
+    from rich.console import Console
+
 SpeedUnits = Literal["km/h", "m/s"]
 
 
-class ShownInspection(Inspection):
-    """An inspection that a notebook shows as `lidcam inspect` prints it."""
+class Shown(ABC):
+    """What `print` and a notebook show as a command prints it."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def print_on(self, out: "Console") -> None:
+        """Print it on a console."""
+
+    def __str__(self) -> str:
+        from lidcam.cli.printing.terminal import printed_text
+
+        return printed_text(self.print_on)
+
+    def _repr_html_(self) -> str:
+        from lidcam.cli.printing.terminal import printed_html
+
+        return printed_html(self.print_on)
+
+
+class ShownInspection(Shown, Inspection):
+    """An inspection that `print` and a notebook show as `lidcam inspect` does."""
 
     __slots__ = ()
 
@@ -32,14 +56,14 @@ class ShownInspection(Inspection):
         """The same inspection."""
         return cls(*(getattr(found, field.name) for field in fields(found)))
 
-    def _repr_html_(self) -> str:
+    def print_on(self, out: "Console") -> None:
+        """See `Shown`."""
         from lidcam.cli.printing.console import print_inspection
-        from lidcam.cli.printing.terminal import printed_html
 
-        return printed_html(lambda out: print_inspection(out, self))
+        print_inspection(out, self)
 
 
-class ShownBatch(BatchResult):
+class ShownBatch(Shown, BatchResult):
     """A batch that `print` and a notebook show as `lidcam batch` does."""
 
     __slots__ = ()
@@ -49,21 +73,15 @@ class ShownBatch(BatchResult):
         """The same batch."""
         return cls(done.records, done.count, done.table)
 
-    def __str__(self) -> str:
+    def print_on(self, out: "Console") -> None:
+        """See `Shown`."""
         from lidcam.cli.printing.batch import print_batch
-        from lidcam.cli.printing.terminal import printed_text
 
-        return printed_text(lambda out: print_batch(out, self.records))
-
-    def _repr_html_(self) -> str:
-        from lidcam.cli.printing.batch import print_batch
-        from lidcam.cli.printing.terminal import printed_html
-
-        return printed_html(lambda out: print_batch(out, self.records))
+        print_batch(out, self.records)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RunResult:
+class RunResult(Shown):
     """A finished run. `print` shows it in short, a notebook as the command line does.
 
     Attributes:
@@ -88,18 +106,11 @@ class RunResult:
         """Messages that were not used, by topic and reason."""
         return self.summary.drops.messages
 
-    def __str__(self) -> str:
+    def print_on(self, out: "Console") -> None:
+        """See `Shown`."""
         from lidcam.cli.printing.run import print_summary
-        from lidcam.cli.printing.terminal import printed_text
 
-        return printed_text(lambda out: print_summary(out, self.summary))
-
-    def _repr_html_(self) -> str:
-        """For notebooks: the summary that the command line prints."""
-        from lidcam.cli.printing.run import print_summary
-        from lidcam.cli.printing.terminal import printed_html
-
-        return printed_html(lambda out: print_summary(out, self.summary))
+        print_summary(out, self.summary)
 
     def count_lines(self, lines: Mapping[str, Line]) -> tuple[LineCount, ...]:
         """Count the road users that cross lines, each once, by class and direction.

@@ -111,7 +111,7 @@ OUTPUTS = [
 ]
 """Outputs and views of a run."""
 
-DatasetFormat = Literal["kitti", "kitti-tracking", "nuscenes", "coco", "yolo"]
+DatasetFormat = Literal["kitti", "kitti-tracking", "nuscenes", "coco", "yolo", "cvat"]
 
 DATASETS: dict[DatasetFormat, str] = {
     "kitti": "lidcam.writers.datasets.kitti:KittiWriter",
@@ -119,6 +119,7 @@ DATASETS: dict[DatasetFormat, str] = {
     "nuscenes": "lidcam.writers.datasets.nuscenes:NuScenesWriter",
     "coco": "lidcam.writers.datasets.images:CocoWriter",
     "yolo": "lidcam.writers.datasets.images:YoloWriter",
+    "cvat": "lidcam.writers.datasets.cvat:CvatWriter",
 }
 """What `lidcam export` makes of finished results: the `DatasetWriter` of each format, or its `ImageWriter`."""
 

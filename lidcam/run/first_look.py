@@ -15,13 +15,15 @@ from itertools import islice
 import numpy as np
 
 from lidcam.pipeline.calibration.camera_error import camera_error
+from lidcam.pipeline.calibration.overlap import BoxFrame, lens_that_fits
 from lidcam.pipeline.calibration.pairs import TrackedPairs, tracked_pairs
 from lidcam.pipeline.core.arrays import join_rows
 from lidcam.pipeline.core.frame import FrameResult, SensorBundle
-from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.parallel.process import copied_workers
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.pipeline.tracking.trackers import object_tracker
+from lidcam.readers.rig.discovery import Discovery
 from lidcam.run.box_sources import KnownBoxes, box_source
 from lidcam.run.build import build_graph, decided, shared_results
 from lidcam.run.frames import RunInput, TimeWindow, bundles, expected_frames, sensor_clocks
@@ -36,12 +38,20 @@ MAX_STRETCHES = 20
 MAX_SHARE = 1 / 3
 """Maximum share of the frames that are looked at, of more than one stretch."""
 
+BY_P = "P of its CameraInfo (no distortion)"
+"""Source of the intrinsics of a camera whose images turned out to be rectified."""
+
+BY_P_NOTE = "P of its CameraInfo is used, without distortion: it fits the 2D boxes better than K"
+"""The note on such a camera."""
+
 FREE = np.array([True, True, True, False, False, False, True])
 """Values that are corrected: direction and clock. A wrong place of a camera looks much like a habit of its detector."""
 
 
 def corrected_by_recording(source: RunInput, known: KnownBoxes, workers: int) -> RunInput:
     """The source with cameras corrected by the recording; a camera that shows too little stays as recorded.
+
+    Where its CameraInfo does not tell whether images are rectified, K and P are compared first.
 
     Args:
         source: The recording, its sensors and the settings.
@@ -54,12 +64,31 @@ def corrected_by_recording(source: RunInput, known: KnownBoxes, workers: int) ->
     config, rig = source.config, source.rig
     if config.fuse.calibration == "recorded" or box_source(config, rig) == "none" or not rig.lidars:
         return source
-    found = defaultdict[str, list[TrackedPairs]](list)
+    found, seen = defaultdict[str, list[TrackedPairs]](list), defaultdict[str, list[BoxFrame]](list)
     for frame in _looked_at(source, known, workers):
         for name, pairs in tracked_pairs(frame):
             found[name].append(pairs)
+        for name, boxes in frame.detections.cameras.items() if len(frame.detections.lidar) else ():
+            seen[name].append(BoxFrame(frame.detections.lidar, boxes.xyxy))
+    lenses = tuple(lens_that_fits(camera, seen[camera.name]) for camera in rig.cameras)
+    if lenses != rig.cameras:  # other pairs match: look again
+        return corrected_by_recording(replace(source, rig=replace(rig, cameras=lenses)), known, workers)
     cameras = tuple(_corrected(camera, found[camera.name], source) for camera in rig.cameras)
     return replace(source, rig=replace(rig, cameras=cameras))
+
+
+def with_lenses(found: Discovery, rig: Rig) -> Discovery:
+    """A discovery with the intrinsics that the recording showed to be right, and a note on each.
+
+    Args:
+        found: How the sensors were found.
+        rig: The same rig after `corrected_by_recording`.
+    """
+    pairs = zip(found.rig.cameras, rig.cameras, strict=True)
+    changed = {used.name for camera, used in pairs if camera.rectified is not None and used.rectified is None}
+    sources = [replace(one, intrinsics=BY_P) if one.sensor in changed else one for one in found.sources]
+    notes = [f"{camera.name}: {BY_P_NOTE}" for camera in rig.cameras if camera.name in changed]
+    return replace(found, sources=tuple(sources), notes=(*found.notes, *notes))
 
 
 def _corrected(camera: CameraSensor, found: list[TrackedPairs], source: RunInput) -> CameraSensor:

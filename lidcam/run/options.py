@@ -70,7 +70,7 @@ class SharedOptions(TypedDict, total=False):
     model_3d: Annotated["FilePath | None", CliOption(str, "--model-3d", "FILE.onnx|NAME", group="Networks")]
     device: Annotated[Device | None, CliOption(Device, "--device", group="Networks")]
     start_s: Annotated[float, CliOption(float, "--start", "S", 0, group="Inputs")]
-    duration_s: Annotated[float | None, CliOption(float, "--duration", "S", 0, group="Inputs")]
+    duration_s: Annotated[float | None, CliOption(float, "--duration", "S", group="Inputs")]
     every: Annotated[int | None, CliOption(int, "--every", "N", 1, group="Inputs")]
     workers: Annotated[int | None, CliOption(int, "--workers", "N", 1)]
     on_bad_message: Annotated[OnBadMessage, CliOption(OnBadMessage, "--on-bad-message", group="Inputs")]

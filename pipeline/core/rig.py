@@ -81,6 +81,8 @@ class CameraSensor:
     T_camera_site: Transform  # Extrinsics; its `dst` is the camera's optical frame
     time_offset_ns: int = 0  # Recorded stamp minus time of measurement, of images and boxes
     fit: CameraFit = CameraFit()
+    # The camera by P without distortion, where the recording does not tell whether its images are rectified
+    rectified: "CameraSensor | None" = None
 
     __repr__ = brief
 

@@ -132,6 +132,19 @@ def rectified_camera_model(info: Any, *, frame_id: str = "", is_turned: bool = T
     return model, Transform(model.frame_id, frame, matrix)
 
 
+def other_camera_model(info: Any, raw: CameraModel) -> tuple[CameraModel, Transform] | None:
+    """`rectified_camera_model`, where it differs from the model of the raw image: images may be rectified unsaid.
+
+    None if it is the same, or if P or R is of no use.
+    """
+    try:
+        model, T_rectified_camera = rectified_camera_model(info, frame_id=raw.frame_id)
+    except CalibrationError:
+        return None
+    is_same = not raw.distortion.any() and np.allclose(model.K, raw.K) and model.frame_id == raw.frame_id
+    return None if is_same else (model, T_rectified_camera)
+
+
 def _of_read_out(info: Any, frame: str, K: F64, model: DistortionModel, coefficients: F64) -> CameraModel:
     """The model after region of interest, then binning: K and size are given for the full sensor."""
     width, height, roi = int(info.width), int(info.height), info.roi

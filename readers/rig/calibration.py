@@ -1,7 +1,7 @@
 """The calibration of one sensor, from its entry in the rig file and from the recording."""
 
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from lidcam.pipeline.core.rig import CameraSensor, LidarSensor
 from lidcam.readers.messages.camera_info import (
     camera_model,
     distortion_model,
+    other_camera_model,
     rectified_camera_model,
     rectified_reason,
 )
@@ -142,8 +143,13 @@ def calibrate_camera(
     lens = camera_intrinsics(camera, first)
     T_camera_site, extrinsics = camera_extrinsics(camera, lens.T_model_camera.src, frames)
     pose, entry = lens.T_model_camera @ T_camera_site, camera.entry
+    sensor = CameraSensor(camera.name, topics.image, topics.boxes, lens.model, pose, entry.time_offset_ns)
+    if lens.rectified is not None:
+        model, T_model_camera = lens.rectified
+        other = replace(sensor, model=model, T_camera_site=T_model_camera @ T_camera_site)
+        sensor = replace(sensor, rectified=other)
     return (
-        CameraSensor(camera.name, topics.image, topics.boxes, lens.model, pose, entry.time_offset_ns),
+        sensor,
         SensorSource(camera.name, topics.topic, lens.model.frame_id, lens.source, extrinsics, entry.time_offset_ms),
         lens.remark,
     )
@@ -176,6 +182,8 @@ class Lens(NamedTuple):
     T_model_camera: Transform
     source: str
     remark: str = ""  # What CameraInfo says otherwise
+    # Another model and T_model_camera: of rectified images, where CameraInfo does not tell whether they are
+    rectified: tuple[CameraModel, Transform] | None = None
 
 
 def camera_frame(camera: AssignedCamera, first: FirstMessages) -> str:
@@ -221,7 +229,7 @@ def camera_intrinsics(camera: AssignedCamera, first: FirstMessages) -> Lens:
         f"{topics.info} is for {lens.model.width_px} x {lens.model.height_px} px, its images are {size[0]} x {size[1]}"
     )
     remarks = [lens.remark, f"{said}: the calibration is scaled"]
-    return lens._replace(model=scaled, source=f"{lens.source}, scaled", remark="; ".join(filter(None, remarks)))
+    return Lens(scaled, lens.T_model_camera, f"{lens.source}, scaled", "; ".join(filter(None, remarks)))
 
 
 def _scaled(model: CameraModel, width_px: int, height_px: int) -> CameraModel | None:
@@ -284,7 +292,7 @@ def _lens_of_info(entry: CameraEntry, topics: CameraTopics, frame: str, first: F
     if not topics.info:
         raise CalibrationError("the recording has no CameraInfo of it: give K and its pose in a rig file (--rig)")
     info = first.decoded(topics.info, CAMERA_INFO)
-    source, remark = topics.info, ""
+    source, remark, other = topics.info, "", None
     if is_rectified(topics.image):
         model, T_model_camera = rectified_camera_model(info, frame_id=frame)
     elif reason := rectified_reason(info):
@@ -293,10 +301,11 @@ def _lens_of_info(entry: CameraEntry, topics: CameraTopics, frame: str, first: F
         remark = f"{source} is used, without distortion: {reason}"
     else:
         model, T_model_camera = camera_model(info, frame_id=frame), Transform.identity(frame, frame)
+        other = other_camera_model(info, model)
     if (entry.width_px or model.width_px, entry.height_px or model.height_px) != (model.width_px, model.height_px):
         raise CalibrationError(
             f"the rig file says images of {entry.width_px} x {entry.height_px} px, {topics.info} says "
             f"{model.width_px} x {model.height_px} px"
         )
     words = model.model if model.distortion.any() else "no distortion"
-    return Lens(model, T_model_camera, f"{source} ({words})", remark)
+    return Lens(model, T_model_camera, f"{source} ({words})", remark, other)

@@ -127,6 +127,7 @@ def test_names_that_are_no_utf_8(lidcam: Lidcam, tmp_path: Path) -> None:
         (("--require", "fused.car.recal >= 0.9"), 2, "'fused.car.recal': did you mean 'fused.car.recall'?"),
         (("--json", "--print-matches"), 2, "--json"),
         (("--duration", "nan"), 2, "--duration"),
+        (("--duration", "-1"), 2, "expected more than 0 seconds, found -1"),
         (("--no-such-option",), 2, "--no-such-option"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",

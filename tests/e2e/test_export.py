@@ -15,7 +15,7 @@ from lidcam.readers.rig.importers.kitti import kitti_calibration
 from lidcam.readers.truth.kitti import parse_kitti_labels
 
 
-@pytest.mark.parametrize("name", ["kitti", "kitti-tracking", "nuscenes", "coco", "yolo"])
+@pytest.mark.parametrize("name", ["kitti", "kitti-tracking", "nuscenes", "coco", "yolo", "cvat"])
 def test_every_format_is_written_and_nothing_is_replaced(
     lidcam: Lidcam, first_result: Path, tmp_path: Path, name: str
 ) -> None:
@@ -94,6 +94,7 @@ def test_images_are_written_as_recorded_with_true_boxes(lidcam: Lidcam, tmp_path
     content = json.loads((folder / "annotations/instances.json").read_text(encoding="utf-8"))
     boxes = len(content["annotations"])
     assert done.err.splitlines()[-1] == f"wrote {folder}: 2 frames, 2 images, {boxes} ground-truth boxes"
+    assert "has no images" not in done.err, "of cameras that were not asked for"
     with open_recording([crossing]) as recording:
         messages = [*recording.messages(["/camera_north_west/image_raw/compressed"])]
     names = sorted(path.name for path in (folder / "images").iterdir())

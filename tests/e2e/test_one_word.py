@@ -40,7 +40,8 @@ def test_a_file_of_another_name(lidcam: Lidcam, folder: Path) -> None:
 
 
 def test_a_run_that_fails_leaves_no_folder(lidcam: Lidcam, folder: Path) -> None:
-    assert lidcam("drive.bag", "--start", "1000", folder=folder).code == 1
+    for output in ((), ("-o", "new/results/first")):
+        assert lidcam("drive.bag", *output, "--start", "1000", folder=folder).code == 1
     assert [path.name for path in folder.iterdir()] == ["drive.bag"]
 
 

@@ -96,7 +96,9 @@ def test_results_are_compared_exported_and_reported(run: lidcam.RunResult, tmp_p
     found = lidcam.compare(result, moved, only=["fused"], settings={"compare.position_m": 1e-6})
     assert not found.is_equal
     assert "fused: expected at most 0 % of the objects to differ" in found.failures[0]
-    assert lidcam.compare(result, moved, only=["fused"], max_different_percent=100).failures == ()
+    assert lidcam.compare(result, moved, only="fused", allow="frames", max_different_percent=100).failures == ()
+    with pytest.raises(lidcam.ConfigError, match=r"max_different_percent: expected 0 to 100, found -1"):
+        lidcam.compare(result, result, max_different_percent=-1)
     with pytest.raises(lidcam.ConfigError, match=r"allow: expected lost, new, .*, frames, found 'swapped'"):
         lidcam.compare(result, result, allow=["swapped"])
     with pytest.raises(lidcam.ConfigError, match=r"evaluate\.iou: expected a setting of compare"):

@@ -71,7 +71,7 @@ class DatasetFrame:
 class DatasetWriter(Protocol):
     """Writes scenes into a folder."""
 
-    names: Mapping[str, str]  # Name of a class in this format, by words for it in lower case
+    names: Mapping[str, str]  # Name of a class in this format, by words for it in lower case; empty: as in the settings
     written: Counter[str]  # How many `frames`, `images` and `boxes` were written; boxes are those of the labels
     left_out: Counter[str]  # How many objects and frames could not be written, by reason
     remarks: list[str]  # What the user should know, a line each

@@ -41,7 +41,8 @@ class Area(NamedTuple):
 
 def area_of(result: FrameResult, rig: Rig) -> Area | None:
     """The area that suits what a frame shows; None where there are neither points nor objects."""
-    objects = result.fused.objects.centers[strong_objects(result), :2]
+    boxes = result.fused.objects.select(strong_objects(result))
+    objects = box_corners(boxes.centers, boxes.sizes, boxes.yaws)[..., :2].reshape(-1, 2)
     points = np.concatenate([result.combined.cloud.xyz, result.combined.ground_cloud.xyz])[:, :2].astype(np.float64)
     if not len(points) and not len(objects):
         return None

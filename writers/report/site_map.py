@@ -50,10 +50,12 @@ def map_figure(seen: ReportCollector, rig: Rig, background: SparseGrid | None, c
 
 
 def map_extent(drawn: Sequence[F64], background: SparseGrid | None) -> tuple[F64, F64]:
-    """Lower left and upper right of what is shown: all tracks, with room around them."""
+    """Lower left and upper right of what is shown: all tracks, with room around them; most points, if that is more."""
     places = np.concatenate([*drawn, np.zeros((0, 2))])
-    if not len(places) and background is not None and len(background):
-        places = np.percentile(background.centers, [2, 98], axis=0)
+    if background is not None and len(background):
+        around = np.percentile(background.centers, [2, 98], axis=0)
+        if not len(places) or np.ptp(places, axis=0).max() < np.ptp(around, axis=0).max():
+            places = np.concatenate([places, around])
     if not len(places):
         return np.array([-10.0, -10.0]), np.array([10.0, 10.0])
     low, high = places.min(0), places.max(0)

@@ -14,10 +14,11 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from lidcam.checks.calibration.coarse_pose import BoxFrame, coarse_pose_warning
+from lidcam.checks.calibration.coarse_pose import coarse_pose_warning
 from lidcam.pipeline.calibration.camera_error import CameraError, camera_error
 from lidcam.pipeline.calibration.lidar_error import LidarError, lidar_error
 from lidcam.pipeline.calibration.motions import motion
+from lidcam.pipeline.calibration.overlap import BoxFrame
 from lidcam.pipeline.calibration.pairs import TrackedPairs, tracked_pairs
 from lidcam.pipeline.core.arrays import F64, Bools, join_rows
 from lidcam.pipeline.core.clouds import CombinedCloud

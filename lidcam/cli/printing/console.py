@@ -12,6 +12,7 @@ from lidcam.cli.printing.tables import (
     sensors_table,
     topics_table,
 )
+from lidcam.cli.verdict import first_of
 from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, source_names
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
@@ -140,14 +141,18 @@ def listed(names: Sequence[str]) -> str:
 
 
 def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", *, every_topic: bool = False) -> None:
-    """Print the contents of a recording: the verdict first; topics that would not be used in one line."""
+    """Print the contents of a recording: the verdict first; topics that would not be used in one line.
+
+    Without a verdict, it is what would be lost or left out.
+    """
+    problem = f"lidcam could not process it: {inspection.problem}" if inspection.problem else ""
+    verdict = verdict or problem or first_of(inspection.incomplete) or "sound, and all of its sensors can be used"
     seconds = (inspection.end_ns - inspection.start_ns) / 1e9
     files = ", ".join(map(str, inspection.files))
     if advice := inspection.box_words[1]:
         show_line(out, advice, "bold yellow")
     show_line(out, f"{files}: {inspection.messages} messages, {seconds:.2f} s")
-    if verdict:
-        show_line(out, f"verdict: {verdict}", "bold")
+    show_line(out, f"verdict: {verdict}", "bold")
     out.print()
     unused = () if every_topic else _unused(inspection)
     show_table(out, topics_table([topic for topic in inspection.topics if topic not in unused]))
@@ -159,8 +164,6 @@ def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", 
     print_losses(out, inspection.losses)
     out.print()
     if inspection.rig is None:
-        if not verdict:
-            show_line(out, f"lidcam could not process it: {inspection.problem}")
         return
     show_line(out, f"site frame: {inspection.rig.site_frame}")
     show_table(out, sensors_table(inspection.sensors))

@@ -55,6 +55,7 @@ class ResultFrames:
             (f"/{camera.name}/image{suffix}", camera) for camera in result.rig.cameras for suffix in ("", "/compressed")
         ]
         self.images: Mapping[str, CameraSensor] = {topic: one for topic, one in topics if topic in self.recorded}
+        self._without_images = [one.name for one in result.rig.cameras if one not in self.images.values()]
         self._truth = stack.enter_context(open_truth(result, options.truth))
         self._poses = SitePoses(self._truth.poses, result.rig, result.config)
         self._evaluated = EvaluationFrames(result, self._truth)
@@ -68,9 +69,7 @@ class ResultFrames:
     def notes(self) -> tuple[str, ...]:
         """Notes on the result for the user."""
         of_truth = () if self._truth.source is None else (f"truth: {self._truth.source.description}",)
-        shown = {*self.images.values()}
-        missing = [camera.name for camera in self._result.rig.cameras if camera not in shown]
-        name = self._result.path.name
+        missing, name = self._without_images, self._result.path.name
         no_images = f"{name}: has no images of {', '.join(missing)}; output.images=true keeps those of the recording"
         return (*self._result.notes, *of_truth, *([no_images] if missing else []))
 

@@ -174,7 +174,12 @@ def _boxes(objects: Objects, names: npt.NDArray[np.str_]) -> DatasetBoxes:
 
 
 def _names(config: Config, known: Mapping[str, str]) -> npt.NDArray[np.str_]:
-    """(N,) str, the format's name of each class of objects, by the class's name or its other names; empty without."""
+    """(N,) str, the format's name of each class of objects, by the class's name or its other names; empty without.
+
+    A format that has no names of its own takes those of the settings.
+    """
+    if not known:
+        return np.array(config.object_names, np.str_)
     labels = {prior.name: (prior.name, *prior.labels) for prior in config.classes}
     words = [[word.lower() for word in labels.get(name, (name,))] for name in config.object_names]
     return np.array([next((known[word] for word in one if word in known), "") for one in words], np.str_)

@@ -105,11 +105,11 @@ def _bgr(color: Any) -> tuple[int, int, int]:
 def _scene_from_above(points: F64, moment: Moment) -> U8:
     """The points of a moment and the outlines of its objects from above."""
     boxes = moment.boxes
-    shown = np.concatenate([np.percentile(points[:, :2], [2, 98], axis=0), boxes.centers[:, :2]])
+    corners = box_corners(boxes.centers, boxes.sizes, boxes.yaws)
+    shown = np.concatenate([np.percentile(points[:, :2], [2, 98], axis=0), corners[..., :2].reshape(-1, 2)])
     low, high = shown.min(0), shown.max(0)
     px_per_m = float((np.array(ABOVE_PX) / np.maximum(high - low, 1.0)).min()) * ABOVE_SHARE
     colors = [class_color(class_id).bytes_rgb[::-1] for class_id in boxes.class_ids.tolist()]
-    corners = box_corners(boxes.centers, boxes.sizes, boxes.yaws)
     return _from_above(points, corners, colors, (low + high) / 2, px_per_m, ABOVE_PX)
 
 
@@ -189,7 +189,7 @@ def _from_above(
     points: F64, corners: F64, colors: Sequence[Color], middle: F64, px_per_m: float, size_px: tuple[int, int]
 ) -> U8:
     """Points (N, 3) and the outlines of boxes (K, 8, 3) around a place, with x to the right; blue green red."""
-    canvas = Canvas.blank(*size_px, _LETTER_PX)
+    canvas = Canvas(np.array(Canvas.blank(*size_px, _LETTER_PX).pixels[..., ::-1]), _LETTER_PX)
 
     def pixels(places: F64) -> F64:
         return np.asarray((places[..., :2] - middle) * [1, -1] * px_per_m + np.array(size_px) / 2)

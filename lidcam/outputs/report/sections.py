@@ -53,7 +53,8 @@ def busiest_note(seen: ReportCollector) -> str:
     """What the first image is of; empty without one."""
     if (found := seen.busiest) is None:
         return ""
-    return f"The busiest moment, {found.time_s:.1f} s after the first frame: {len(found.boxes)} objects."
+    objects = f"{len(found.boxes)} object{'s' * (len(found.boxes) != 1)}"
+    return f"The busiest moment, {found.time_s:.1f} s after the first frame: {objects}."
 
 
 def _listed(class_ids: Any, class_names: Sequence[str]) -> str:

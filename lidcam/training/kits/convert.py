@@ -68,7 +68,8 @@ def read_checkpoint(path: Path) -> Checkpoint:
     except Exception as err:  # errors of pickled files share no base class
         cause = err.__context__ or err  # PyTorch's own error advises to read the file unsafely
         reason = one_line(f"{type(cause).__name__}: {cause}", max_characters=300)
-        found = "no such file" if isinstance(err, FileNotFoundError) else reason
+        found = "an ONNX network" if path.suffix == ".onnx" else reason
+        found = "no such file" if isinstance(err, FileNotFoundError) else found
         raise ModelError(f"{expected}, found {found}") from err
     if version.startswith("0."):
         raise ModelError(

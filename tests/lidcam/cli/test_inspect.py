@@ -69,7 +69,7 @@ def test_without_sensors_there_is_no_rig(tmp_path: Path, capsys: pytest.CaptureF
         ("skew_max_ms < 0", "skew_max_ms: expected < 0, found 0.0"),
         (
             "topics./left.rate_hz >= 9",
-            "topics./left.rate_hz: expected >= 9, found no such figure: unknown figure 'topics./left.rate_hz': did you "
+            "topics./left.rate_hz: expected >= 9, found no such figure: did you "
             "mean 'topics./top.rate_hz', 'topics./odom.rate_hz' or 'topics./top.delay_s'?",
         ),
     ],

@@ -64,6 +64,7 @@ def test_the_tables_of_the_console_in_a_notebook(run: lidcam.RunResult) -> None:
     assert "verdict" not in page
     found = lidcam.inspect(CROSSING)
     assert isinstance(found, lidcam.Inspection)
+    assert str(found).splitlines()[1] == "verdict: sound, and all of its sensors can be used"
     assert "/lidar_north_east/velodyne_packets" in found._repr_html_()  # type: ignore[attr-defined]  # of what notebooks show, a subclass
     hostile = replace(run.objects, class_names=("<script>",) * 9)
     assert "<script>" not in hostile._repr_html_()
@@ -136,6 +137,8 @@ def test_speeds_and_counts_are_plotted(run: lidcam.RunResult) -> None:
     moved, stood = map(int, re.findall(r"\d+", axes.get_title(loc="left")))
     assert moved + stood == len(np.unique(run.objects.tracks))
     assert sum(bar.get_height() for bar in axes.patches) == moved
+    nobody = replace(run, objects=run.objects[:0]).plot_speeds()
+    assert [text.get_text() for text in nobody.texts] == ["no road user moved"]
     in_m_s = run.plot_speeds(units="m/s")
     assert in_m_s.get_xlim()[1] < axes.get_xlim()[1]
     with pytest.raises(lidcam.ConfigError, match="units: expected km/h or m/s, found 'mph'"):

@@ -14,13 +14,17 @@ from wrong_cameras import CAMERA, cuboids, passing, without_tracks
 import lidcam
 from lidcam.pipeline.core.frame import Decoded, FrameResult
 from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.geometry.transform_tree import TransformTree
 from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.rig import CameraFit, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.stages.detect3d import Detect3D
+from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.open import open_recording
+from lidcam.readers.rig.calibration import SensorSource
+from lidcam.readers.rig.discovery import Discovery
 from lidcam.run.box_sources import KnownBoxes
-from lidcam.run.first_look import STRETCH_FRAMES, corrected_by_recording, later_stretches
+from lidcam.run.first_look import BY_P, STRETCH_FRAMES, corrected_by_recording, later_stretches, with_lenses
 from lidcam.run.frames import RunInput
 from lidcam.run.summary import camera_corrections
 
@@ -63,6 +67,22 @@ def test_direction_and_clock_are_corrected(
         assert told["cam"].turned_deg == pytest.approx(turned_deg, abs=0.1)
         assert told["cam"].late_ms == pytest.approx(late_ms, abs=8)
     assert camera.fit.direction_sigma_rad < 0.2 * DEGREE
+
+
+@pytest.mark.parametrize("shown", ["raw", "rectified"])
+@pytest.mark.parametrize("off", [0.0, 0.03], ids=["sound pose", "pose off by 1.7 degrees"])
+def test_boxes_show_whether_images_are_rectified(crossing: RunInput, shown: str, off: float) -> None:
+    wide = replace(CAMERA.model, K=CAMERA.model.K * [[0.8], [0.8], [1]])
+    rectified = replace(CAMERA, model=wide)
+    camera = replace(CAMERA, rectified=rectified)
+    rig = replace(RIG, cameras=(camera,))
+    frames = passing((0, off, 0, 0, 0, 0, 0), camera=rectified if shown == "rectified" else CAMERA)
+    used = corrected(replace(crossing, rig=rig), frames)
+    assert used.cameras[0].model is (wide if shown == "rectified" else CAMERA.model)
+    source = SensorSource("cam", "/cam", "cam", "/info", "tf")
+    found = with_lenses(Discovery(rig, (), (source,), (), RecordedTransforms(TransformTree())), used)
+    assert [source.intrinsics for source in found.sources] == [BY_P if shown == "rectified" else "/info"]
+    assert len(found.notes) == (shown == "rectified")
 
 
 @pytest.mark.parametrize("frames", [[], passing(frames=1), without_tracks(passing())], ids=["none", "one", "untracked"])

@@ -325,3 +325,24 @@ def test_rectified_images_are_projected_in_the_rectified_frame() -> None:
     assert not camera.model.distortion.any()
     ahead_and_left = np.array([10.5, 1.0, 1.0])  # (-1, 0, 10) in the camera
     np.testing.assert_allclose(camera.T_camera_site.apply(ahead_and_left), [0, -1, 10], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("options", "is_open"),
+    [
+        ({"distortion": (0.1, 0, 0, 0, 0)}, True),
+        ({"P": np.c_[np.diag([20.0, 20, 1]) @ K, np.zeros(3)]}, True),
+        ({}, False),
+        ({"distortion": (0.1, 0, 0, 0, 0), "P": np.zeros((3, 4))}, False),
+    ],
+    ids=["distorted", "other focal length", "the same", "without P"],
+)
+def test_images_that_may_be_rectified_have_two_lenses(options: dict[str, Any], is_open: bool) -> None:
+    calibration = info("/c/camera_info", "cam", **options)
+    [camera] = rig_with(image_message("/c/image", "cam"), calibration).rig.cameras
+    assert (camera.rectified is not None) == is_open
+    if camera.rectified is not None:
+        assert not camera.rectified.model.distortion.any()
+        assert camera.rectified.T_camera_site.dst == "cam"
+    rect = rig_with(image_message("/c/image_rect", "cam"), calibration).rig.cameras if is_open else ()
+    assert all(one.rectified is None for one in rect)

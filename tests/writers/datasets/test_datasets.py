@@ -15,6 +15,7 @@ from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.truth.kitti import KittiTruth, parse_kitti_labels
+from lidcam.writers.datasets.cvat import CvatWriter
 from lidcam.writers.datasets.frame import (
     DatasetBoxes,
     DatasetFrame,
@@ -156,7 +157,7 @@ def test_kitti_tracking_numbers_true_objects_from_0(tmp_path: Path) -> None:
     assert [one.track_id for one in labels.labels] == [0, 1, 0, 1]
 
 
-@pytest.mark.parametrize("make", [NuScenesWriter, KittiWriter, KittiTrackingWriter])
+@pytest.mark.parametrize("make", [NuScenesWriter, KittiWriter, KittiTrackingWriter, CvatWriter])
 def test_the_same_frames_give_the_same_bytes(tmp_path: Path, make: Callable[[Path], DatasetWriter]) -> None:
     contents = []
     for name in ("a", "b"):
@@ -165,6 +166,30 @@ def test_the_same_frames_give_the_same_bytes(tmp_path: Path, make: Callable[[Pat
         files = sorted(path for path in (tmp_path / name).rglob("*") if path.is_file())
         contents.append({path.relative_to(tmp_path / name): path.read_bytes() for path in files})
     assert contents[0] == contents[1]
+
+
+def test_cvats_cuboids_stand_in_its_clouds(tmp_path: Path) -> None:
+    writer = CvatWriter(tmp_path)
+    written(writer, frame(boxes(MANY, "car")), frame(boxes([]), truth=boxes(MANY[:1], "van"), index=3))
+    header, _, data = (tmp_path / "pointcloud/drive_000000.pcd").read_bytes().partition(b"DATA binary\n")
+    assert b"\nPOINTS 3\n" in header
+    points = np.frombuffer(data, "<f4").reshape(3, 4)
+    np.testing.assert_allclose(points, np.array([[8, 0.5, 0.9, 0], [8.2, 0.4, 0.9, 0.5], [30, 0, 0, 1]]), atol=1e-5)
+    whole = json.loads((tmp_path / "annotations/default.json").read_text())
+    first, second = whole["items"]
+    assert (first["id"], second["id"], second["attr"]["frame"]) == ("drive_000000", "drive_000003", 1)
+    assert [box["attributes"] for box in first["annotations"]] == [
+        {"track_id": 0},
+        {"track_id": 1},
+        {},
+        {"track_id": 2},
+    ]
+    [box] = second["annotations"]  # the truth, of the same track
+    assert (box["position"], box["scale"], box["rotation"]) == ([8.0, 0.5, 0.8], [4.2, 1.8, 1.6], [0.0, 0.0, 0.3])
+    assert (box["label_id"], box["attributes"]) == (1, {"track_id": 0})
+    assert [label["name"] for label in json.loads((tmp_path / "labels.json").read_text())] == ["car", "van"]
+    assert (tmp_path / "related_images/drive_000003_pcd/front.jpg").is_file()
+    assert writer.written == {"frames": 2, "images": 2, "boxes": 5}
 
 
 def tables_of(folder: Path) -> dict[str, list[dict[str, Any]]]:

@@ -85,6 +85,15 @@ def test_the_site_alone_without_cameras() -> None:
     outline = box_corners(result.fused.objects.centers, result.fused.objects.sizes, result.fused.objects.yaws)[:, :4]
     places = SiteMap(area, SIZE_PX[0], SIZE_PX[1] - 40).pixels(outline).reshape(-1, 2) + np.array([0, 40])
     assert has_color(image, places, class_color(0))
+    small = [
+        replace(one, xyz=one.xyz * np.float32(0.2)) for one in (result.combined.cloud, result.combined.ground_cloud)
+    ]
+    far = replace(tracked_frame(0, Seen(7, 8, 0, 2.0)), views={})  # beyond most points: it is in view as a whole
+    far = replace(far, combined=replace(result.combined, cloud=small[0], ground_cloud=small[1]))
+    area = area_of(far, rig)
+    assert area is not None
+    corners = box_corners(far.fused.objects.centers, far.fused.objects.sizes, far.fused.objects.yaws)[..., :2]
+    assert (np.abs((corners - area.middle) @ area.axes.T) <= area.half_m).all()
     none = result.combined.cloud.select(np.zeros(0, np.intp))
     combined = replace(result.combined, cloud=none, ground_cloud=none)
     nothing = replace(result, combined=combined)

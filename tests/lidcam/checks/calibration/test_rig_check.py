@@ -1,6 +1,8 @@
 """An error of a camera is named and corrected; good cameras, and those with little evidence, are left alone."""
 
+import re
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
@@ -18,6 +20,7 @@ from lidcam.pipeline.core.settings.config import Config
 RIG = Rig("site", (), (CAMERA, forward_camera("silent")), ())
 CONFIG = Config()
 DEGREE = np.pi / 180
+PAGE = (Path(__file__).parents[4] / "docs" / "rig.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -55,6 +58,12 @@ def test_an_error_is_named_and_corrected(values: tuple[float, ...], finding: str
     turn = camera.T_camera_site.matrix @ np.linalg.inv(CAMERA.T_camera_site.matrix)
     np.testing.assert_allclose([turn[2, 1], turn[0, 2], turn[1, 0]], values[:3], atol=0.004)
     assert camera.time_offset_ns == pytest.approx(-values[6] * 1e9, abs=6e6)
+
+
+def test_several_errors_are_in_one_sentence_as_documented() -> None:
+    [warning] = checked(passing((0, 0.03, 0, 0, 0, 0, 0.09), noise=0.3)).warnings
+    words = re.sub(r"\d+(?:\.\d+)?", "0", warning.finding).replace("by 0 boxes of 0", "by N boxes of M")
+    assert words in re.sub(r"\d+(?:\.\d+)?", "0", PAGE)
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,14 @@ from evaluation_frames import frame_of, source_boxes
 from frames import CONFIG, RIG
 
 from lidcam.outputs.report import sections
+from lidcam.outputs.report.images import _scene_from_above
 from lidcam.pipeline.evaluation.evaluation_frame import FrameSync, Motion, SourceBoxes
 from lidcam.run.warning import RunWarning
-from lidcam.writers.report.collector import ReportCollector
+from lidcam.writers.palette import class_color
+from lidcam.writers.report.collector import Moment, ReportCollector
+from lidcam.writers.report.grid import SparseGrid
 from lidcam.writers.report.page import PageTable, page, prose
+from lidcam.writers.report.site_map import map_extent
 
 HOSTILE = "<script>alert(1)</script>"
 WARNING = RunWarning("cam0", "silent throughout", "check its driver")
@@ -77,6 +81,28 @@ def test_the_busiest_moment_has_images_where_any_has() -> None:
         seen.add_frame(replace(one, sync=FrameSync(10 + index, {topic: 0}, {})))
     assert seen.busiest is not None
     assert (seen.busiest.log_time_ns, len(seen.busiest.boxes)) == (11, 1)
+    assert sections.busiest_note(seen) == "The busiest moment, 0.1 s after the first frame: 1 object."
+
+
+def test_the_busiest_moment_from_above_has_all_of_its_boxes() -> None:
+    boxes = source_boxes([(6.0, -9.0, 0.75, 4.0, 1.7, 1.5, 0.7)]).boxes
+    points = np.random.default_rng(0).uniform(-5, 5, (500, 3))
+    image = _scene_from_above(points, Moment(0.0, 0, boxes))
+    is_box = (np.abs(image.astype(int) - class_color(0).bytes_rgb[::-1]) < 20).all(-1)
+    assert is_box.sum() > 300
+    assert not is_box[[0, -1]].any()
+    assert not is_box[:, [0, -1]].any()
+    red, blue = image[0, 0, 2], image[0, 0, 0]
+    assert blue > red, "the ground is that of films"
+
+
+def test_a_map_of_one_car_shows_what_stands_around_it() -> None:
+    around = SparseGrid(0.1, 10_000)
+    around.add_points(np.random.default_rng(0).uniform(-20, 20, (4000, 2)))
+    low, high = map_extent([np.array([[3.0, 4.0], [3.0, 4.07]])], around)
+    assert (high - low > 35).all()
+    low, high = map_extent([np.array([[-50.0, 4.0], [50.0, 4.0]])], around)
+    np.testing.assert_allclose([low[0], high[0]], [-62, 62])
 
 
 def test_backticks_are_code() -> None:

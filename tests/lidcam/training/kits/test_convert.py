@@ -236,6 +236,9 @@ def test_files_that_are_no_checkpoints(
     with pytest.raises(ModelError, match=message):
         converted(tmp_path / "net.pth", None, NOTHING)
     assert not (tmp_path / "ran").exists()
+    (tmp_path / "net.onnx").write_bytes(b"\x08\x08\x12\x07pytorch")
+    with pytest.raises(ModelError, match=r"found an ONNX network$"):
+        converted(tmp_path / "net.onnx", None, NOTHING)
 
 
 def test_the_command(tmp_path: Path) -> None:
