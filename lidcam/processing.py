@@ -15,7 +15,7 @@ from pathlib import Path
 from lidcam.checks.boxes import DoubtedCheck, class_number_warnings
 from lidcam.checks.calibration.check import CalibrationCheck
 from lidcam.checks.clocks import clock_notes, sync_warnings
-from lidcam.checks.messages import FileCheck, LidarCheck, check_not_empty
+from lidcam.checks.messages import LidarCheck, check_not_empty
 from lidcam.checks.no_objects import ObjectCheck
 from lidcam.outputs.allowed import check_no_input
 from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
@@ -178,7 +178,6 @@ class Run:
         self._passed, self._detections, self._log_time_ns = 0, 0, source.recording.start_ns
         self._clocks = sensor_clocks(source.rig, drops)
         self._checks = (
-            FileCheck(source.recording.paths),
             LidarCheck(source.rig),
             CalibrationCheck(source.rig, source.config),
             ObjectCheck(
