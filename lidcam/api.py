@@ -52,7 +52,6 @@ from lidcam.readers.rig.rig_file import load_rig
 from lidcam.readers.rig.schema import RigFile
 from lidcam.readers.rig.sensor_topics import SensorFault
 from lidcam.run.choice import UsedSettings, choose_settings
-from lidcam.run.effect import COMPARING, check_effect
 from lidcam.run.frame import Frame
 from lidcam.run.frames import RunInput
 from lidcam.run.job import ALL_OPTIONS, FilePath, Job, PathOrUrl, RigSource, Settings, locations, make_job
@@ -359,8 +358,6 @@ def compare(
     first: FilePath,
     second: FilePath,
     *,
-    config: Config | FilePath | None = None,
-    settings: Settings = (),
     only: str | Sequence[str] = (),
     allow: str | Sequence[str] = (),
     max_different_percent: float = 0.0,
@@ -370,8 +367,6 @@ def compare(
     Args:
         first: The .mcap file that a run wrote, A.
         second: Another one, of the same recording or scene, B.
-        config: Settings whose `compare` tolerances (m, degrees, pixels) are used.
-        settings: Single settings by key: `{"compare.yaw_deg": 5}`.
         only: Sources (fused, lidar, cameras) and cameras to compare. Default: all.
         allow: Kinds of difference to allow, by any amount: lost, new, moved, turned, resized, relabelled, rescored,
             reidentified (objects) or frames (of one result alone).
@@ -381,17 +376,10 @@ def compare(
         The differences; `failures` lists what differs more than is allowed.
 
     Raises:
-        LidcamError: a result cannot be read, they are of two sites, or a setting or name is at fault.
+        LidcamError: a result cannot be read, they are of two sites, or a name is at fault.
     """
-    check_effect([*as_texts(settings)], COMPARING)
-    tolerances = load_config(config, settings).compare
     return compare_results(
-        Path(first),
-        Path(second),
-        tolerances,
-        only=only,
-        allow=allow,
-        max_different_percent=max_different_percent,
+        Path(first), Path(second), only=only, allow=allow, max_different_percent=max_different_percent
     )
 
 

@@ -1,11 +1,12 @@
 """The command `lidcam compare`."""
 
+from hashlib import sha256
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from lidcam.cli.options import AsJson, JsonFile, Overwrite, Setting, with_log_options
+from lidcam.cli.options import AsJson, JsonFile, Overwrite, with_log_options
 from lidcam.cli.verdict import Verdict
 from lidcam.evaluation.allowed import AllowedDifference
 
@@ -19,7 +20,7 @@ damaged.
 Examples:
   lidcam compare golden.mcap new.mcap
   lidcam compare golden.mcap new.mcap --only fused --max-different 1
-  lidcam compare golden.mcap new.mcap --set compare.yaw_deg=5 --allow rescored
+  lidcam compare golden.mcap new.mcap --allow rescored
 """
 
 
@@ -27,11 +28,6 @@ Examples:
 def compare(
     first: Annotated[Path, typer.Argument(metavar="A.mcap", help="A result of process.")],
     second: Annotated[Path, typer.Argument(metavar="B.mcap", help="Another one, of the same recording or scene.")],
-    config_file: Annotated[
-        str | None,
-        typer.Option("--config", metavar="PRESET|FILE", help="Settings file; only its `compare` tolerances are used."),
-    ] = None,
-    settings: Setting = None,
     only: Annotated[
         list[str] | None,
         typer.Option(
@@ -74,18 +70,12 @@ def compare(
     from lidcam.cli.printing.progress import show_progress
     from lidcam.cli.printing.terminal import console, show_json
     from lidcam.evaluation.compare import compare_results
-    from lidcam.pipeline.core.settings.load import load_config
-    from lidcam.run.effect import COMPARING, check_effect
-    from lidcam.run.job import read_files
+    from lidcam.pipeline.evaluation.comparison.object_changes import TOLERANCES
 
-    check_effect(settings or (), COMPARING)
-    config = load_config(config_file, settings or ()).compare
-    inputs = first, second, *read_files(config_file, None)
-    with json_output(json_file, inputs=inputs, overwrite=overwrite) as write_json:
+    with json_output(json_file, inputs=(first, second), overwrite=overwrite) as write_json:
         found = compare_results(
             first,
             second,
-            config,
             only=only or (),
             allow=allow or (),
             max_different_percent=max_different,
@@ -96,9 +86,9 @@ def compare(
             "compare",
             inputs=found.inputs,
             settings={
-                "name": config_file or "defaults",
-                "sha256": found.settings_sha256,
-                "compare": config.model_dump(mode="json"),
+                "name": "tolerances",
+                "sha256": sha256(repr(TOLERANCES).encode()).hexdigest(),
+                "compare": TOLERANCES,
                 "only": only or [],
                 "allowed": [*(allow or ())],
                 "max_different_percent": max_different,
@@ -112,7 +102,7 @@ def compare(
     if as_json:
         show_json(out, tree)
     else:
-        print_comparison(out, found.figures.tree, [str(first), str(second)], config, lines=lines)
+        print_comparison(out, found.figures.tree, [str(first), str(second)], lines=lines)
         for note in found.notes:
             show_line(out, f"note: {note}")
         as_far = "equal within the tolerances" if found.is_equal else "differs no more than it may"

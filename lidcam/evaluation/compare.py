@@ -2,17 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 from lidcam.evaluation.allowed import AllowedDifference
 from lidcam.evaluation.evaluate import Advance, Progress, not_shown
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.pipeline.core.errors import ConfigError, LidcamError
-from lidcam.pipeline.core.settings.evaluate import CompareConfig
 from lidcam.pipeline.evaluation.comparison.comparison import Comparison
 from lidcam.pipeline.evaluation.comparison.differences import Channel
 from lidcam.pipeline.evaluation.comparison.frames import FramePair, paired_frames
@@ -31,7 +27,6 @@ class ComparedResults:
             (`figures.tree["differences"]`).
         failures: The sources and cameras that differ more than is allowed, a line each; empty: none.
         inputs: The two results.
-        tolerances: Differences up to these count as equal.
         notes: Remarks on the results.
         incomplete: Parts of the results that could not be read.
     """
@@ -39,7 +34,6 @@ class ComparedResults:
     figures: NamedFigures
     failures: tuple[str, ...]
     inputs: tuple[InputFile, ...]
-    tolerances: CompareConfig
     notes: tuple[str, ...] = ()
     incomplete: tuple[str, ...] = ()
 
@@ -49,16 +43,10 @@ class ComparedResults:
         figures = self.figures
         return not any((figures["differences.count"], figures["frames_only_in_a"], figures["frames_only_in_b"]))
 
-    @property
-    def settings_sha256(self) -> str:
-        """Checksum of the tolerances."""
-        return sha256(yaml.safe_dump(self.tolerances.model_dump(mode="json")).encode()).hexdigest()
-
 
 def compare_results(
     first: Path,
     second: Path,
-    tolerances: CompareConfig,
     *,
     only: str | Sequence[str] = (),
     allow: str | Sequence[str] = (),
@@ -70,7 +58,6 @@ def compare_results(
     Args:
         first: A result.
         second: Another one, of the same recording or scene.
-        tolerances: Differences up to these count as equal.
         only: Names of sources and cameras to compare; empty: all.
         allow: Kinds of differences that are allowed by any amount.
         max_different_percent: Share of objects, and of frames, that may differ.
@@ -85,7 +72,7 @@ def compare_results(
     if unknown := [one for one in allow if one not in [*AllowedDifference]]:
         raise ConfigError(f"allow: expected {', '.join(AllowedDifference)}, found {unknown[0]!r}")
     with open_result(first) as one, open_result(second) as other:
-        comparison = _comparison(one, other, tolerances, only, allow)
+        comparison = _comparison(one, other, only, allow)
         start_ns = min(one.recording.start_ns, other.recording.start_ns)
         end_ns = max(one.recording.end_ns, other.recording.end_ns)
         with show((end_ns - start_ns) / 1e9) as advance:
@@ -100,15 +87,12 @@ def compare_results(
         figures=NamedFigures(comparison.figures()),
         failures=_failures(comparison, allow, max_different_percent),
         inputs=files,
-        tolerances=tolerances,
         notes=notes,
         incomplete=(*damage_lines(losses), *changed),
     )
 
 
-def _comparison(
-    first: Result, second: Result, config: CompareConfig, only: Sequence[str], allowed: Sequence[str]
-) -> Comparison:
+def _comparison(first: Result, second: Result, only: Sequence[str], allowed: Sequence[str]) -> Comparison:
     """A comparison of the sources and cameras that are asked for.
 
     Raises:
@@ -127,7 +111,7 @@ def _comparison(
         raise LidcamError(f"only: expected one of {', '.join(known)}, which the results have, found {unknown[0]!r}")
     chosen = [channel for channel in channels if not only or channel[1] in only]
     kinds = [kind for kind in KINDS if kind in allowed]
-    return Comparison(first.config.classes, second.config.classes, config, chosen, kinds)
+    return Comparison(first.config.classes, second.config.classes, chosen, kinds)
 
 
 def _recordings_note(first: Result, second: Result) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""The settings that affect a result, an evaluation or a comparison."""
+"""The settings that affect a result or an evaluation."""
 
 from collections.abc import Sequence
 from hashlib import sha256
@@ -14,9 +14,6 @@ from lidcam.pipeline.detectors.pillars.embedded import network_file
 
 EVALUATING = ("evaluate", "classes", "combine", "limit_scale")
 """The sections that an evaluation reads, `combine` for odometry."""
-
-COMPARING = ("compare",)
-"""The section that a comparison reads."""
 
 NAMED = (
     *(("detect2d", "model"), ("detect2d", "names"), ("detect3d", "model"), ("detect3d", "weights")),
@@ -54,8 +51,8 @@ def named_files(config: Config) -> dict[str, Path]:
 
 
 def lasting_settings(config: Config) -> str:
-    """All settings that affect a result, as YAML: not those of running and comparing, nor folders of files."""
-    tree = config.model_dump() | {"run": {}, "compare": {}}
+    """All settings that affect a result, as YAML: not those of running, nor folders of files."""
+    tree = config.model_dump() | {"run": {}}
     for section, key in NAMED:
         tree[section][key] = tree[section][key] and visible(Path(tree[section][key]).name)
     return dump_config(Config.model_validate(tree))

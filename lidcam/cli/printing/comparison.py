@@ -7,16 +7,13 @@ from rich.console import Console
 
 from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.tables import rows_table
-from lidcam.pipeline.core.settings.evaluate import CompareConfig
-from lidcam.pipeline.evaluation.comparison.object_changes import KINDS
+from lidcam.pipeline.evaluation.comparison.object_changes import KINDS, TOLERANCES
 
 ALL = "all"
 _UNITS = {"moved": " m", "turned": " deg", "resized": " m"}
 
 
-def print_comparison(
-    out: Console, figures: Mapping[str, Any], names: Sequence[str], config: CompareConfig, *, lines: int
-) -> None:
+def print_comparison(out: Console, figures: Mapping[str, Any], names: Sequence[str], *, lines: int) -> None:
     """Print the comparison of two results with these names, and at most `lines` differences."""
     show_line(out, f"A  {names[0]}")
     show_line(out, f"B  {names[1]}")
@@ -25,12 +22,7 @@ def print_comparison(
         f"frames: {figures['frames']} in both, {figures['frames_different']} of them differ; "
         f"{figures['frames_only_in_a']} only in A, {figures['frames_only_in_b']} only in B",
     )
-    show_line(
-        out,
-        f"tolerances: {config.position_m:g} m, {config.yaw_deg:g} deg, {config.size_m:g} m in "
-        f"size, {config.score:g} in score, {config.pixels:g} px (settings: compare)",
-        "dim",
-    )
+    show_line(out, f"tolerances: {', '.join(f'{name} {value:g}' for name, value in TOLERANCES.items())}", "dim")
     out.print()
     _print_counts(out, "objects", "source", figures["sources"])
     if figures["images"]:

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from lidcam.pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 from lidcam.pipeline.core.settings.combine import CombineConfig
 from lidcam.pipeline.core.settings.detect import Detect2DConfig, Detect3DConfig
-from lidcam.pipeline.core.settings.evaluate import CompareConfig, EvaluateConfig
+from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
 from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.core.settings.model import Positive, SettingsModel
 from lidcam.pipeline.core.settings.recording import (
@@ -76,9 +76,7 @@ class Config(SettingsModel):
         "fuse.corner_rounding": _constant(0.25),
         "fuse.underside": _constant(0.06),
         "fuse.cabin": _constant(0.4),
-        "compare.gate": _constant(1.0),
-        "compare.min_iou": _constant(0.3),
-        "compare.stamp_s": _constant(0.01),
+        "compare": "now constants of pipeline/evaluation/comparison/object_changes.py; see --allow and --max-different",
         "run.window": "now two frames per process and one more: use run.workers",
         "limits": "use limit_scale, which multiplies all limits",
     }
@@ -94,7 +92,6 @@ class Config(SettingsModel):
     fuse: FuseConfig = FuseConfig()
     track: TrackConfig = TrackConfig()
     evaluate: EvaluateConfig = EvaluateConfig()
-    compare: CompareConfig = CompareConfig()
     output: OutputConfig = OutputConfig()
     run: RunConfig = RunConfig()
     limit_scale: Positive = 1.0

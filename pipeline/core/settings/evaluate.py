@@ -1,10 +1,10 @@
-"""Settings of evaluation, and of the comparison of two results."""
+"""Settings of evaluation."""
 
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from lidcam.pipeline.core.settings.model import Corners, Count, NotNegative, Positive, SettingsModel, Share
+from lidcam.pipeline.core.settings.model import Corners, Count, Positive, SettingsModel
 
 IouThreshold = Annotated[float, Field(gt=0, le=1)]
 
@@ -32,21 +32,3 @@ class EvaluateConfig(SettingsModel):
     min_lidar_points: Count = 1
     truth_time: Literal["stamp", "points"] = "stamp"
     kitti_difficulty: Literal["easy", "moderate", "hard"] | None = None
-
-
-class CompareConfig(SettingsModel):
-    """Comparison of two results: what still counts as equal.
-
-    Attributes:
-        position_m: Farthest that the centre of an object may have moved.
-        yaw_deg: Largest turn; an object that points the other way has turned by 180 degrees.
-        size_m: Largest difference in length, width or height.
-        score: Largest difference of scores, of objects and of 2D boxes.
-        pixels: Farthest that an edge of a 2D box may have moved.
-    """
-
-    position_m: NotNegative = 0.01
-    yaw_deg: Annotated[float, Field(ge=0, le=180)] = 0.5
-    size_m: NotNegative = 0.01
-    score: Share = 0.01
-    pixels: NotNegative = 1.0

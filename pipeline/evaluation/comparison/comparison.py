@@ -9,7 +9,6 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import Bools, Indices
 from lidcam.pipeline.core.settings.classes import ClassPrior
-from lidcam.pipeline.core.settings.evaluate import CompareConfig
 from lidcam.pipeline.evaluation.comparison.differences import Channel, Difference, Episodes, Listing
 from lidcam.pipeline.evaluation.comparison.frames import FramePair
 from lidcam.pipeline.evaluation.comparison.object_changes import (
@@ -121,7 +120,6 @@ class Comparison:
         self,
         first: Sequence[ClassPrior],
         second: Sequence[ClassPrior],
-        config: CompareConfig,
         channels: Sequence[Channel],
         allowed: Collection[Kind] = (),
     ) -> None:
@@ -131,13 +129,12 @@ class Comparison:
         for row, (kind, name) in enumerate(channels):
             episodes = Episodes((kind, name), row)
             if kind == "sources":
-                changes = partial(source_changes, config=config, tracks=Tracks())
+                changes = partial(source_changes, tracks=Tracks())
                 tally = Tally(names, allowed, UNITS_3D)
                 one = _Channel(name, lambda frame: frame.sources, source_objects, changes, tally, episodes)
             else:
-                changes = partial(image_changes, config=config)
                 tally = Tally(names, allowed, UNITS_2D)
-                one = _Channel(name, lambda frame: frame.cameras, image_objects, changes, tally, episodes)
+                one = _Channel(name, lambda frame: frame.cameras, image_objects, image_changes, tally, episodes)
             self._channels[kind].append(one)
         self._listing = Listing(MAX_LISTED)
         self._frames = {"frames": 0, "frames_different": 0, "frames_only_in_a": 0, "frames_only_in_b": 0}

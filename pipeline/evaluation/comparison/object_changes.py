@@ -10,7 +10,6 @@ from lidcam.pipeline.core.arrays import F64, I64, Array, Bools, Indices
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
 from lidcam.pipeline.core.geometry.boxes import iou_xyxy, wrap_angle
 from lidcam.pipeline.core.settings.classes import ClassPrior
-from lidcam.pipeline.core.settings.evaluate import CompareConfig
 from lidcam.pipeline.evaluation.assignment import assign_heaviest
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, SourceBoxes
 
@@ -23,6 +22,9 @@ Kind = Literal["lost", "new", "moved", "turned", "resized", "relabelled", "resco
 KINDS: tuple[Kind, ...] = ("lost", "new", "moved", "turned", "resized", "relabelled", "rescored", "reidentified")
 PAIR_KINDS: tuple[Kind, ...] = KINDS[2:]
 """Kinds of differences of an object that both results have."""
+
+TOLERANCES = {"position_m": 0.01, "yaw_deg": 0.5, "size_m": 0.01, "score": 0.01, "pixels": 1.0}
+"""Largest differences that count as equal: of a centre, a heading, a length, a score, and an edge of a 2D box."""
 
 MIN_IOU = 0.3
 """Minimum IoU of two 2D boxes that can be the same one."""
@@ -138,7 +140,7 @@ def pairs_of_least_cost(costs: F64) -> tuple[Indices, Indices]:
     return rows[chosen], columns[chosen]
 
 
-def source_changes(first: Objects[Boxes3D], second: Objects[Boxes3D], config: CompareConfig, tracks: Tracks) -> Changes:
+def source_changes(first: Objects[Boxes3D], second: Objects[Boxes3D], tracks: Tracks) -> Changes:
     """Differences of the objects of one source; `tracks` are those of the source, up to this frame.
 
     They are paired so that the sum of the distances, as shares of the gate, is smallest; who stays alone counts like
@@ -157,17 +159,17 @@ def source_changes(first: Objects[Boxes3D], second: Objects[Boxes3D], config: Co
     costs = distances + APPEARANCE_COST * looks - ID_GAIN * same_id
     i, j = _paired(first, second, costs)
     measured = [
-        (np.linalg.norm(a.centers[i] - b.centers[j], axis=1), config.position_m),
-        (np.degrees(np.abs(wrap_angle(a.yaws[i] - b.yaws[j]))), config.yaw_deg),
-        (_apart(a.sizes[i], b.sizes[j]).max(1, initial=0.0), config.size_m),
+        (np.linalg.norm(a.centers[i] - b.centers[j], axis=1), TOLERANCES["position_m"]),
+        (np.degrees(np.abs(wrap_angle(a.yaws[i] - b.yaws[j]))), TOLERANCES["yaw_deg"]),
+        (_apart(a.sizes[i], b.sizes[j]).max(1, initial=0.0), TOLERANCES["size_m"]),
         (first.classes[i] != second.classes[j], 0.0),
-        (_apart(a.scores[i], b.scores[j]), config.score),
+        (_apart(a.scores[i], b.scores[j]), TOLERANCES["score"]),
         (tracks.are_broken(first.track_ids[i], second.track_ids[j]), 0.0),
     ]
     return _changes(i, j, len(a), len(b), measured)
 
 
-def image_changes(first: Objects[Boxes2D], second: Objects[Boxes2D], config: CompareConfig) -> Changes:
+def image_changes(first: Objects[Boxes2D], second: Objects[Boxes2D]) -> Changes:
     """Differences of the 2D boxes of one image; they have neither heading nor size of their own, nor tracks.
 
     They are paired as objects are, with what their IoU lacks to 1 for a distance.
@@ -178,11 +180,11 @@ def image_changes(first: Objects[Boxes2D], second: Objects[Boxes2D], config: Com
     i, j = _paired(first, second, lack + APPEARANCE_COST * _apart(a.scores[:, None], b.scores))
     nothing = np.zeros(len(i)), 0.0
     measured = [
-        (_apart(a.xyxy[i], b.xyxy[j]).max(1, initial=0.0), config.pixels + ROUNDING_PX),
+        (_apart(a.xyxy[i], b.xyxy[j]).max(1, initial=0.0), TOLERANCES["pixels"] + ROUNDING_PX),
         nothing,
         nothing,
         (first.classes[i] != second.classes[j], 0.0),
-        (_apart(a.scores[i], b.scores[j]), config.score),
+        (_apart(a.scores[i], b.scores[j]), TOLERANCES["score"]),
         nothing,
     ]
     return _changes(i, j, len(a), len(b), measured)

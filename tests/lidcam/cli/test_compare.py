@@ -40,11 +40,11 @@ def result() -> Path:
 
 @pytest.fixture
 def compare(capsys: pytest.CaptureFixture[str]) -> Any:
-    def compared(first: Path, second: Path, *settings: str, **options: Any) -> Outcome:
+    def compared(first: Path, second: Path, **options: Any) -> Outcome:
         failures: tuple[str, ...] = ()
         try:
             with kept_logging():
-                run_compare(first, second, settings=settings, **options)
+                run_compare(first, second, **options)
         except CheckError as err:
             failures = err.lines
         return Outcome(capsys.readouterr().out, failures)
@@ -98,7 +98,6 @@ def test_yaw_shifted_by_5_degrees(compare: Any, result: Path, faulty: Any) -> No
     assert kinds_of(sources["fused"]["all"]) == {"turned": sources["fused"]["all"]["a"]}
     assert sources["fused"]["all"]["largest_turned_deg"] == pytest.approx(5)
     assert not kinds_of(sources["lidar"]["all"])
-    assert not compare(result, other, "compare.yaw_deg=5").failures
     assert not compare(result, other, only=("lidar",)).failures
     assert not compare(result, other, max_different=100).failures
     allowed = compare(result, other, allow=("turned",), lines=0)

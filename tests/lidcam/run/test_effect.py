@@ -2,23 +2,22 @@ import pytest
 
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.settings.load import load_config
-from lidcam.run.effect import COMPARING, EVALUATING, check_effect, settings_sha256
+from lidcam.run.effect import EVALUATING, check_effect, settings_sha256
 
 
 @pytest.mark.parametrize(
     ("settings", "sections"),
     [
-        ([], COMPARING),
+        ([], EVALUATING),
         (["evaluate.iou=[0.5]", " classes.1.name=car", "limit_scale=2"], EVALUATING),
-        (["compare.yaw_deg=5"], COMPARING),
-        (["nothing.of=this", "", "compare"], COMPARING),  # told by those who read them
+        (["nothing.of=this", "", "evaluate"], EVALUATING),  # told by those who read them
     ],
 )
 def test_settings_that_are_read(settings: list[str], sections: tuple[str, ...]) -> None:
     check_effect(settings, sections)
 
 
-@pytest.mark.parametrize("text", ["fuse.min_score=0.9", "fuse={}", "compare.yaw_deg=5", " detect3d.x = 1"])
+@pytest.mark.parametrize("text", ["fuse.min_score=0.9", "fuse={}", " detect3d.x = 1"])
 def test_settings_that_change_nothing(text: str) -> None:
     with pytest.raises(
         ConfigError, match=f"settings: {text.partition('=')[0].strip()}: expected a setting of evaluate"

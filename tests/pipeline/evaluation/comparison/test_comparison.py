@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from lidcam.pipeline.core.detections import Boxes2D
 from lidcam.pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
-from lidcam.pipeline.core.settings.evaluate import CompareConfig
 from lidcam.pipeline.evaluation.comparison import comparison as module
 from lidcam.pipeline.evaluation.comparison.comparison import Comparison
 from lidcam.pipeline.evaluation.comparison.differences import Channel
@@ -22,7 +21,6 @@ Row = tuple[float, float, float, float, float, float, float]
 
 CAR, PEDESTRIAN, BICYCLE = 0, 1, 2
 CHANNELS: tuple[Channel, ...] = (("sources", "fused"), ("images", "cam"))
-DEFAULTS = CompareConfig()
 CARS: tuple[Row, Row] = ((10, 5, 0.8, 4.2, 1.8, 1.5, 0.3), (-10, -5, 0.8, 4.2, 1.8, 1.5, -0.3))
 
 
@@ -47,30 +45,27 @@ def run_of(count: int, found: SourceBoxes, *, camera: Boxes2D | None = None) -> 
 def compared(
     first: list[ResultFrame],
     second: list[ResultFrame],
-    config: CompareConfig = DEFAULTS,
     *,
     classes: tuple[ClassPrior, ...] = ROAD_CLASSES,
     allowed: tuple[Kind, ...] = (),
 ) -> Comparison:
-    found = Comparison(ROAD_CLASSES, classes, config, CHANNELS, allowed)
+    found = Comparison(ROAD_CLASSES, classes, CHANNELS, allowed)
     for pair in paired_frames(first, second):
         found.add_pair(pair)
     found.close()
     return found
 
 
-def figures(first: list[ResultFrame], second: list[ResultFrame], config: CompareConfig = DEFAULTS) -> Any:
-    return compared(first, second, config).figures()
+def figures(first: list[ResultFrame], second: list[ResultFrame]) -> Any:
+    return compared(first, second).figures()
 
 
 def kinds_of(counts: dict[str, Any]) -> dict[str, int]:
     return {kind: counts[kind] for kind in KINDS if counts[kind]}
 
 
-def fused_kinds(
-    first: list[ResultFrame], second: list[ResultFrame], config: CompareConfig = DEFAULTS
-) -> dict[str, int]:
-    return kinds_of(figures(first, second, config)["sources"]["fused"]["all"])
+def fused_kinds(first: list[ResultFrame], second: list[ResultFrame]) -> dict[str, int]:
+    return kinds_of(figures(first, second)["sources"]["fused"]["all"])
 
 
 def frames_of(tree: dict[str, Any]) -> list[int]:
@@ -190,8 +185,15 @@ def test_boxes_of_images() -> None:
     assert counts["largest_moved_px"] == 20
     assert "largest_turned_deg" not in counts
     away = run_of(1, objects(), camera=boxes2d([(0, 0, 43, 40, 0.8, 1), (125, 0, 165, 40, 0.9, 0)]))  # IoU 0.23
-    apart = figures(first, away, CompareConfig(pixels=3, score=0.2))["images"]["cam"]["all"]
-    assert kinds_of(apart) == {"lost": 1, "new": 1, "relabelled": 1}
+    apart = figures(first, away)["images"]["cam"]["all"]
+    assert kinds_of(apart) == {"lost": 1, "new": 1, "moved": 1, "relabelled": 1, "rescored": 1}
+
+
+def test_what_differs_by_just_as_much_as_it_may_is_equal() -> None:
+    first = run_of(1, objects(*CARS, scores=[0.1, 0.7]), camera=boxes2d([(600.1, 7, 640, 40, 0.2, 0)]))
+    second = run_of(1, objects(*CARS, scores=[0.11, 0.69]), camera=boxes2d([(601.1, 7, 641, 40, 0.21, 0)]))
+    tree = figures(first, second)
+    assert not tree["differences"]["count"]
 
 
 def test_classes_are_compared_by_name() -> None:
