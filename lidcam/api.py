@@ -318,7 +318,6 @@ def evaluate(
     truth_topic: str = "",
     requirements: str | Requirement | Sequence[str | Requirement] = (),
     rig: RigSource | None = None,
-    config: FilePath | None = None,
     settings: Settings = (),
 ) -> Evaluation:
     """Evaluate a result, with and without ground truth.
@@ -331,7 +330,6 @@ def evaluate(
         requirements: Limits that the figures must meet, `["fused.car.recall >= 0.8"]`; `Evaluation.failures` lists
             those that are not met.
         rig: Rig files to take zones and ground-truth vehicles from, instead of the result's.
-        config: A preset or a YAML file to take the section `evaluate` from, instead of the result's.
         settings: Single settings by key, of the sections that an evaluation reads: `{"evaluate.max_range_m": 40}`.
 
     Returns:
@@ -348,7 +346,6 @@ def evaluate(
             truth_topic=truth_topic,
             requirements=requirements,
             rig=rig,
-            config=config,
             settings=settings,
         )
     )

@@ -51,10 +51,6 @@ def evaluate(
             help="Rig file to take zones and ground-truth vehicles from. May be repeated.",
         ),
     ] = None,
-    config_file: Annotated[
-        str | None,
-        typer.Option("--config", metavar="FILE", help="Use the section `evaluate` of these settings."),
-    ] = None,
     settings: Setting = None,
     everything: Annotated[
         bool, typer.Option("--all", help="Print all tables: each source, errors, tracks, gain, worst errors.")
@@ -82,11 +78,10 @@ def evaluate(
             truth_topic=truth_topic,
             requirements=requirements or (),
             rig=rig_files,
-            config=config_file,
             settings=settings or (),
         )
         gates = [Path(one[1:]) for one in requirements or () if one.startswith("@")]
-        inputs = (job.result, *job.truth, *read_files(config_file, rig_files), *gates)
+        inputs = (job.result, *job.truth, *read_files(None, rig_files), *gates)
         with json_output(json_file, inputs=inputs, overwrite=overwrite) as write_json:
             evaluation = evaluate_result(job, show_progress)
             verdict = Verdict(evaluation.failures, evaluation.incomplete)

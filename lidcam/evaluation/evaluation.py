@@ -9,7 +9,6 @@ from typing import Any
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.evaluation.requirement import Outcome, Requirement, read_requirements
 from lidcam.pipeline.core.errors import CalibrationError
-from lidcam.pipeline.core.settings.load import load_config
 from lidcam.readers.input_file import InputFile
 from lidcam.readers.location import Location
 from lidcam.readers.rig.schema import RigFile
@@ -38,7 +37,6 @@ def make_evaluation_job(
     truth_topic: str = "",
     requirements: str | Requirement | Sequence[str | Requirement] = (),
     rig: RigSource | None = None,
-    config: FilePath | None = None,
     settings: Settings = (),
 ) -> EvaluationJob:
     """An evaluation, with its rig file, its settings and its requirements read; arguments as of `lidcam.evaluate`.
@@ -56,7 +54,7 @@ def make_evaluation_job(
         locations(truth),
         truth_topic,
         _read_rig(rig),
-        (*_of_config(config), *given),
+        given,
         (*(one for one in required if isinstance(one, Requirement)), *read_requirements(texts)),
     )
 
@@ -74,14 +72,6 @@ def _read_rig(rig: RigSource | None) -> RigFile | None:
             "are those of the result: process with the rig to change them"
         )
     return found
-
-
-def _of_config(config: FilePath | None) -> Iterator[str]:
-    """The section `evaluate` of a file, setting by setting."""
-    if config is not None:
-        yield from as_texts(
-            {f"evaluate.{key}": value for key, value in load_config(config).evaluate.model_dump(mode="json").items()}
-        )
 
 
 def as_texts(settings: Settings) -> Iterator[str]:

@@ -25,7 +25,6 @@ from lidcam.bags.simulator.worlds.surroundings import clutter, frontage, island
 from lidcam.readers.velodyne.models import built_in_table
 
 Family = Literal["sandbox", "crossing", "road"]
-FAMILIES: tuple[Family, ...] = ("sandbox", "crossing", "road")
 
 TRIES = 20
 

@@ -80,9 +80,8 @@ def test_json_on_standard_output(result: Path, capsys: pytest.CaptureFixture[str
     assert first == second
 
 
-def test_settings_of_the_evaluation(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "mine.yaml").write_text("evaluate: {iou: [0.25, 0.75]}\nfuse: {min_score: 0.99}\n", encoding="utf-8")
-    evaluated(result, config_file=str(tmp_path / "mine.yaml"), settings=["evaluate.max_range_m=0.1"], as_json=True)
+def test_settings_of_the_evaluation(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    evaluated(result, settings=["evaluate.iou=[0.25, 0.75]", "evaluate.max_range_m=0.1"], as_json=True)
     tree = valid(capsys.readouterr().out)
     assert "ap_bev_r40_75" in tree["sources"]["fused"]["car"]
     assert "ap_bev_r40_50" not in tree["sources"]["fused"]["car"]

@@ -1,7 +1,9 @@
+from typing import get_args
+
 import numpy as np
 import pytest
 
-from lidcam.bags.simulator.worlds.draw import FAMILIES, Family
+from lidcam.bags.simulator.worlds.draw import Family
 from lidcam.bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, TrainingSweep, sweep
 from lidcam.pipeline.core.arrays import I64
 
@@ -27,7 +29,7 @@ def inside(found: TrainingSweep, margin_m: float) -> I64:
     return np.asarray((beyond <= margin_m).all(2).sum(0))
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", get_args(Family))
 def test_boxes_hold_the_points_that_are_on_them(family: Family) -> None:
     for seed in (2 * SWEEPS_PER_WORLD, 2 * SWEEPS_PER_WORLD + 1):
         found = sweep(family, seed, exact=True)
