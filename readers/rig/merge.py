@@ -11,8 +11,6 @@ from typing import Any
 from lidcam.pipeline.core.errors import CalibrationError
 from lidcam.pipeline.core.settings.validation import checked
 from lidcam.readers.messages.tf import clean_frame
-from lidcam.readers.rig.extrinsics import decompose_projection
-from lidcam.readers.rig.importers.matrices import flat
 from lidcam.readers.rig.schema import POSE, RigFile
 from lidcam.readers.rig.topic_names import transport_free
 
@@ -72,17 +70,9 @@ def _merge_entries(where: str, entry: Entry, later: Entry) -> Entry:
     """One sensor's entry, with what a later file says of it."""
     _check_frames(f"{where}.frame_id", entry.get("frame_id"), later.get("frame_id"))
     given = {key for key, value in later.items() if value is not None}
-    poses, lens = given & {*EXTRINSICS}, given & {*INTRINSICS}
-    entry = _without_projection(where, entry) if bool(poses) != bool(lens) else dict(entry)
-    if poses:
-        turned = poses & {"rotation_xyzw", "rpy_deg"}
-        is_part = "parent" not in given and poses <= {*POSE} and not ("translation_m" in poses and turned)
-        if is_part and any(entry.get(key) is not None for key in POSE):
-            _drop(entry, {"rotation_xyzw", "rpy_deg"} if turned else set())
-        else:
-            _drop(entry, {*EXTRINSICS, "parent"})
-    if lens:
-        _drop(entry, {*INTRINSICS, *LENS})
+    replaced = {*EXTRINSICS, "parent"} if given & {*EXTRINSICS} else set[str]()
+    replaced |= {*INTRINSICS, *LENS} if given & {*INTRINSICS} else set()
+    entry = {key: value for key, value in entry.items() if key not in replaced}
     missing = dict(entry.get("missing", {}))
     missing = {key: why for key, why in missing.items() if not given & {*_group(key)}}
     for key, why in later.get("missing", {}).items():
@@ -97,14 +87,6 @@ def _group(key: str) -> tuple[str, ...]:
     return next((group for group in (EXTRINSICS, (*INTRINSICS, *LENS)) if key in group), (key,))
 
 
-def _without_projection(where: str, entry: Entry) -> Entry:
-    """The entry with K and T_camera_site in place of P, so that each can be replaced."""
-    if entry.get("P") is None:
-        return dict(entry)
-    K, pose = decompose_projection(f"{where}.P", entry["P"])
-    return {key: value for key, value in entry.items() if key != "P"} | {"K": flat(K), "T_camera_site": flat(pose)}
-
-
 def _merge_edges(edges: Mapping[str, Mapping[str, Entry]], later: Mapping[str, Mapping[str, Entry]]) -> Entry:
     """Transforms by parent and child; a child has the parent that the later file says."""
     children = {child for row in later.values() for child in row}
@@ -115,8 +97,3 @@ def _merge_edges(edges: Mapping[str, Mapping[str, Entry]], later: Mapping[str, M
 def _check_frames(where: str, frame: str | None, other: str | None) -> None:
     if frame and other and clean_frame(frame) != clean_frame(other):
         raise CalibrationError(f"{where} is {frame!r} in one and {other!r} in the other: keep one of them")
-
-
-def _drop(entry: Entry, keys: set[str]) -> None:
-    for key in keys:
-        entry.pop(key, None)

@@ -55,14 +55,6 @@ def test_poses_from_one_file_and_intrinsics_from_another() -> None:
         ([{"T_camera_site": EYE, "K": K}, {"T_site_camera": LOOK_X}], {"K": flat(K), "T_site_camera": flat(LOOK_X)}),
         ([{"T_camera_site": EYE, "parent": "imu"}, {"rpy_deg": [1, 2, 3]}], {"rpy_deg": (1, 2, 3)}),
         (
-            [{"translation_m": [1, 2, 3], "rpy_deg": [1, 2, 3], "parent": "imu"}, {"rotation_xyzw": [0, 0, 0, 1]}],
-            {"translation_m": (1, 2, 3), "rotation_xyzw": (0, 0, 0, 1), "parent": "imu"},
-        ),
-        (
-            [{"translation_m": [1, 2, 3], "rpy_deg": [1, 2, 3], "parent": "imu"}, {"translation_m": [4, 5, 6]}],
-            {"translation_m": (4, 5, 6), "rpy_deg": (1, 2, 3), "parent": "imu"},
-        ),
-        (
             [{"rpy_deg": [1, 2, 3]}, {"translation_m": [4, 5, 6], "parent": "imu"}],
             {"translation_m": (4, 5, 6), "parent": "imu"},
         ),
@@ -79,16 +71,6 @@ def test_poses_from_one_file_and_intrinsics_from_another() -> None:
 )
 def test_later_files_replace_what_they_give(entries: list[dict[str, Any]], expected: dict[str, Any]) -> None:
     assert camera(*entries) == expected
-
-
-def test_one_half_of_a_projection_can_be_replaced() -> None:
-    P = (np.array(K) @ np.array(LOOK_X)[:3]).tolist()
-    of_lens, of_pose = camera({"P": P}, {"K": OTHER_K}), camera({"P": P}, {"T_camera_site": EYE})
-    np.testing.assert_allclose(of_lens["T_camera_site"], flat(LOOK_X), atol=1e-12)
-    assert of_lens["K"] == flat(OTHER_K)
-    np.testing.assert_allclose(of_pose["K"], flat(K), atol=1e-9)
-    with pytest.raises(CalibrationError, match=r"a\.yaml and b\.yaml: cam\.P is singular"):
-        camera({"P": np.zeros((3, 4)).tolist()}, {"K": K})
 
 
 def test_a_sensor_is_known_by_its_topic_too() -> None:
