@@ -217,9 +217,7 @@ def batch(
     report: bool = False,
     objects: bool = False,
     video: bool = False,
-    save_matches: bool = False,
     overwrite: bool = False,
-    fail_fast: bool = False,
     progress: bool = False,
     **options: Unpack[SharedOptions],
 ) -> BatchResult:
@@ -239,9 +237,7 @@ def batch(
         report: Also write pages about the results.
         objects: Also write Parquet tables of the objects.
         video: Also write films (extra video).
-        save_matches: Also write folders with an image of each camera and frame.
         overwrite: Reprocess results that are up to date, and overwrite other files.
-        fail_fast: Start no other recording after one that failed.
         progress: Show a progress bar, below the cell of a notebook or on a terminal.
         **options: Those of [`SharedOptions`][lidcam.api.SharedOptions].
 
@@ -268,9 +264,7 @@ def batch(
         engine=engine,
         address=address,
         outputs=[option for option, is_wanted in wanted.items() if is_wanted],
-        save_matches=save_matches,
         overwrite=overwrite,
-        fail_fast=fail_fast,
         watch=watch,
         **options,
     )

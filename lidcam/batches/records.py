@@ -171,13 +171,11 @@ class BatchResult:
     """A batch that has ended.
 
     Attributes:
-        records: What became of each recording, in the order of their names; those that were not started are missing.
-        count: Number of recordings that were found.
+        records: What became of each recording, in the order of their names.
         table: The Parquet file with these records.
     """
 
     records: tuple[JobRecord, ...]
-    count: int
     table: str
 
     __repr__ = brief

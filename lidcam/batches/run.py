@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from importlib.metadata import version
-from pathlib import Path, PurePath
 from typing import Literal, Unpack
 
 from lidcam.batches.engine import Engine, Task
@@ -30,9 +29,6 @@ from lidcam.run.options import SharedOptions
 
 logger = logging.getLogger(__name__)
 
-MATCHES = "_matches"
-"""End of the name of a folder of images, which has no ending."""
-
 
 @dataclass(frozen=True, slots=True)
 class BatchOptions:
@@ -42,7 +38,6 @@ class BatchOptions:
     # The job of each recording, without inputs and outputs; `overwrite` also reprocesses results that are up to date
     job: Job
     endings: Sequence[str] = ()  # Further outputs of each recording, by the endings of their names
-    fail_fast: bool = False  # Start no other job after one that failed
 
     def facts(self) -> list[object]:
         """All that results depend on besides the recording."""
@@ -57,7 +52,7 @@ class BatchOptions:
 def run_batch(
     jobs: Sequence[BatchJob], options: BatchOptions, engine: Engine, told: Callable[[JobRecord], None]
 ) -> list[JobRecord]:
-    """Process the recordings; returns their records in the order of the jobs, without those that were not started.
+    """Process the recordings; returns their records in the order of the jobs.
 
     Args:
         jobs: The recordings, from `find_jobs`.
@@ -66,13 +61,8 @@ def run_batch(
         told: Called with the record of each job that has ended, or was up to date.
 
     Raises:
-        OutputError: the folder cannot be written to, or images of two recordings would be in one folder.
+        OutputError: the folder cannot be written to.
     """
-    folders: dict[str, str] = {}
-    for job in jobs if MATCHES in options.endings else ():
-        other = folders.setdefault(place := _matches(job.name), job.name)
-        if other != job.name:
-            raise OutputError(f"{place}: {other} and {job.name} would both be written there; batch them apart")
     ordered = sorted(jobs, key=lambda job: (-job.bytes, job.name))
     found: dict[str, JobRecord] = {}
     store, facts = Store(options.out), options.facts()
@@ -80,9 +70,7 @@ def run_batch(
         for record in outcomes:
             found[record.name] = record
             told(record)
-            if options.fail_fast and record.state == "failed":
-                break
-    return [found[job.name] for job in jobs if job.name in found]
+    return [found[job.name] for job in jobs]
 
 
 def _done(job: BatchJob, options: BatchOptions, store: Store, facts: Sequence[object], engine: Engine) -> JobRecord:
@@ -90,7 +78,7 @@ def _done(job: BatchJob, options: BatchOptions, store: Store, facts: Sequence[ob
     begun = JobRecord(job.name, job.shown_inputs, "", "begun")
     if job.fault:
         return replace(begun, state="failed", exit_code=1, message=job.fault)
-    names = [f"{job.name}{ending}" for ending in (".mcap", *options.endings) if ending != MATCHES]
+    names = [f"{job.name}{ending}" for ending in (".mcap", *options.endings)]
     try:
         begun = replace(begun, key=job_key(job, facts))
         with store.held(job.name) as lock:
@@ -105,7 +93,8 @@ def _done(job: BatchJob, options: BatchOptions, store: Store, facts: Sequence[ob
             if known is not None and known.state == "begun":
                 logger.warning("%s: an earlier batch was killed while it ran: it is processed again", job.name)
             store.keep(begun)
-            record = engine.run(_task(job, names, options, store, begun), keep_open=lock)
+            task = Task(begun, replace(options.job, inputs=job.inputs), tuple(map(store.files.at, names)))
+            record = engine.run(task, keep_open=lock)
             store.keep(record)
             return record
     except (OSError, OutputError, RecordingError) as err:  # of this one; others may be done
@@ -113,20 +102,6 @@ def _done(job: BatchJob, options: BatchOptions, store: Store, facts: Sequence[ob
         if isinstance(err, OSError):
             line = f"{err.filename or job.name}: cannot be read or written: {err.strerror}"
         return replace(begun, state="failed", exit_code=1, message=visible(line))
-
-
-def _task(job: BatchJob, names: Sequence[str], options: BatchOptions, store: Store, begun: JobRecord) -> Task:
-    outputs: list[Location] = [store.files.at(name) for name in names]
-    folders: tuple[Path, ...] = ()
-    if MATCHES in options.endings and isinstance(outputs[0], Path):
-        folders = (outputs[0].parent / PurePath(_matches(job.name)).name,)
-    return Task(begun, replace(options.job, inputs=job.inputs, outputs=folders), tuple(outputs))
-
-
-def _matches(name: str) -> str:
-    """The folder of the images of a job, below that of the batch; what has an ending is no folder."""
-    folder, slash, last = name.rpartition("/")
-    return f"{folder}{slash}{last.replace('.', '_')}{MATCHES}"
 
 
 COMPILE = "import lidcam.processing"
@@ -149,9 +124,7 @@ def process_batch(
     engine: Literal["local", "ray"] = "local",
     address: str | None = None,
     outputs: Sequence[str] = (),
-    save_matches: bool = False,
     overwrite: bool = False,
-    fail_fast: bool = False,
     watch: WatchBatch = not_watched,
     **options: Unpack[SharedOptions],
 ) -> BatchResult:
@@ -170,20 +143,18 @@ def process_batch(
         raise ConfigError(f"jobs: expected 1 or more, found {jobs}")
     if address is not None and engine != "ray":
         raise ConfigError("address: expected the engine ray with it")
-    if save_matches and not isinstance(out, Path):
-        raise ConfigError("save_matches: images are written to a local folder")
     found = find_jobs(recordings, out)
     at_once = min(jobs or jobs_that_fit(len(found)), len(found))
     cores = options.get("workers") or (1 if address else max(usable_cores() // at_once, 1))
     options["workers"] = cores
     job = make_job((), overwrite=overwrite, **options)  # settings, rig and network are checked once
-    endings = [*(endings_of(option)[0] for option in outputs), *([MATCHES] if save_matches else [])]
+    endings = [endings_of(option)[0] for option in outputs]
     store = Store(out)
     subprocess.run([sys.executable, "-c", COMPILE], check=False)
     runs = RayEngine(jobs if address else at_once, cores, address) if engine == "ray" else LocalEngine(at_once)
     with watch(found) as told:
-        records = run_batch(found, BatchOptions(out, job, endings, fail_fast=fail_fast), runs, told)
+        records = run_batch(found, BatchOptions(out, job, endings), runs, told)
     store.keep_table(records_table(records))
     if not keep_index(index_of(records, totals_line(records), store), store):
         logger.warning("%s/%s was not written by lidcam: it stays as it is", str(out).rstrip("/"), INDEX)
-    return BatchResult(tuple(records), len(found), f"{str(out).rstrip('/')}/{TABLE}")
+    return BatchResult(tuple(records), f"{str(out).rstrip('/')}/{TABLE}")

@@ -25,9 +25,7 @@ def run_task(task: Task) -> JobRecord:
     """Run a job in this process."""
     try:
         with sent_when_complete(task.outputs, task.job.inputs, overwrite=task.job.overwrite) as sending:
-            summary = sending.send(
-                process_recording(replace(task.job, outputs=(*sending.local, *task.job.outputs)), _Frozen())
-            )
+            summary = sending.send(process_recording(replace(task.job, outputs=sending.local), _Frozen()))
         return with_outputs(with_summary(task.record, summary), task.outputs)
     except Exception as err:
         line = error_line(err) or f"{type(err).__name__}: {one_line(err)}"

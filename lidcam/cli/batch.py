@@ -1,7 +1,6 @@
 """The command `lidcam batch`."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, Unpack
 
 import typer
@@ -56,14 +55,8 @@ def batch(
     report: Annotated[bool, typer.Option("--report", help="Also write pages about the results.")] = False,
     objects: Annotated[bool, typer.Option("--objects", help="Also write Parquet tables of the objects.")] = False,
     video: Annotated[bool, typer.Option("--video", help="Also write films (extra video).")] = False,
-    matches: Annotated[
-        bool, typer.Option("--save-matches", help="Also write folders with an image of each camera and frame.")
-    ] = False,
     reprocess: Annotated[
         bool, typer.Option("--overwrite", help="Reprocess results that are up to date, and overwrite other files.")
-    ] = False,
-    fail_fast: Annotated[
-        bool, typer.Option("--fail-fast", help="Start no other recording after one that failed.")
     ] = False,
     as_json: AsJson = False,
     **options: Unpack[SharedOptions],
@@ -81,20 +74,15 @@ def batch(
 
     if address is not None and engine != "ray":
         raise typer.BadParameter("expected --engine ray with it", param_hint="--address")
-    place = location(out)
-    if matches and not isinstance(place, Path):
-        raise typer.BadParameter("images are written to a local folder", param_hint="--save-matches")
     switches = {"--rerun": rerun, "--report": report, "--objects": objects, "--video": video}
     done = process_batch(
         recordings,
-        place,
+        location(out),
         jobs=jobs,
         engine=engine,
         address=address,
         outputs=[option for option, is_wanted in switches.items() if is_wanted],
-        save_matches=matches,
         overwrite=reprocess,
-        fail_fast=fail_fast,
         watch=shown_batch,
         **options,
     )
@@ -103,14 +91,13 @@ def batch(
     else:
         print_batch(console(), done.records, everything=is_verbose())
     remark_log.info("wrote %s, and %s to look at", done.table, INDEX)
-    _verdict(done.records, done.count).end()
+    _verdict(done.records).end()
 
 
-def _verdict(records: "Sequence[JobRecord]", count: int) -> Verdict:
+def _verdict(records: "Sequence[JobRecord]") -> Verdict:
     failed = [record for record in records if record.state == "failed"]
     others = [f"{record.name}: {record.message}" for record in records if record.state in {"incomplete", "busy"}]
     if not failed:
         return Verdict((), others)
-    left = f"; {count - len(records)} were not started" if count > len(records) else ""
     more = f", and {len(failed) - 1} more" if len(failed) > 1 else ""
-    return Verdict((f"{len(failed)} of {count} recordings failed: {failed[0].name}: {failed[0].message}{more}{left}",))
+    return Verdict((f"{len(failed)} of {len(records)} recordings failed: {failed[0].name}: {failed[0].message}{more}",))

@@ -71,7 +71,7 @@ class ShownBatch(Shown, BatchResult):
     @classmethod
     def of(cls, done: BatchResult) -> Self:
         """The same batch."""
-        return cls(done.records, done.count, done.table)
+        return cls(done.records, done.table)
 
     def print_on(self, out: "Console") -> None:
         """See `Shown`."""

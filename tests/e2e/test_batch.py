@@ -23,7 +23,7 @@ def logs(tmp_path: Path) -> Path:
 
 def test_a_batch_makes_what_single_runs_make_and_a_page(lidcam: Lidcam, logs: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    given = ("batch", logs, "--out", out, *SHORT, "--objects", "--report", "--save-matches", "--every", 2)
+    given = ("batch", logs, "--out", out, *SHORT, "--objects", "--report", "--every", 2)
     run = lidcam(*given, "--json")
     assert run.code == 1
     assert "1 of 2 recordings failed: text: " in run.error_line
@@ -36,7 +36,6 @@ def test_a_batch_makes_what_single_runs_make_and_a_page(lidcam: Lidcam, logs: Pa
     assert (out / "day" / "a & b.mcap").read_bytes() == (tmp_path / "one.mcap").read_bytes()
     assert pq.read_table(out / "_jobs.parquet").column("state").to_pylist() == ["done", "failed"]
     assert pq.read_table(out / "day" / "a & b.parquet").num_columns > 10
-    assert (out / "day" / "a & b_matches").is_dir()
     page = (out / "index.html").read_text(encoding="utf-8")
     assert "<td>day/a &amp; b</td>" in page
     assert 'href="day/a%20%26%20b.html"' in page

@@ -17,9 +17,8 @@ from lidcam.batches.engine import Engine, Task
 from lidcam.batches.jobs import RECORDS, BatchJob, find_jobs
 from lidcam.batches.local import LocalEngine
 from lidcam.batches.records import JobRecord
-from lidcam.batches.run import MATCHES, BatchOptions, run_batch
+from lidcam.batches.run import BatchOptions, run_batch
 from lidcam.batches.store import Store
-from lidcam.pipeline.core.errors import OutputError
 from lidcam.run.job import Job
 
 
@@ -64,19 +63,6 @@ def test_a_second_run_does_what_is_missing(jobs: list[BatchJob], options: BatchO
     changed = replace(options, job=Job((), start_s=1.0))
     assert done(jobs, changed)[1] == ["b.bag", "a.bag", "c.bag"]
     assert done(jobs, replace(changed, job=replace(changed.job, overwrite=True)))[1] == ["b.bag", "a.bag", "c.bag"]
-
-
-def test_after_a_failure_no_other_job_begins(jobs: list[BatchJob], options: BatchOptions) -> None:
-    assert done(jobs, replace(options, fail_fast=True))[0] == ["failed"]
-
-
-def test_two_recordings_whose_images_would_be_in_one_folder(tmp_path: Path, options: BatchOptions) -> None:
-    for name in ("a.b.bag", "a_b.bag"):
-        (tmp_path / name).write_bytes(b"good")
-    jobs = find_jobs([str(tmp_path / "*.bag")], tmp_path / "out")
-    with pytest.raises(OutputError, match=r"a_b_matches: a\.b and a_b would both be written there"):
-        done(jobs, replace(options, endings=[MATCHES]))
-    assert done(jobs, options)[0] == ["done", "done"]
 
 
 def test_what_was_at_work_when_a_batch_was_killed_is_done_again(
