@@ -135,7 +135,8 @@ def test_tracks_of_a_rig_that_moves_are_drawn_in_a_fixed_frame(run: lidcam.RunRe
 def test_speeds_and_counts_are_plotted(run: lidcam.RunResult) -> None:
     axes = run.plot_speeds()
     moved, stood = map(int, re.findall(r"\d+", axes.get_title(loc="left")))
-    assert moved + stood == len(np.unique(run.objects.tracks))
+    has_speed = np.isfinite(run.objects.speeds)  # a track of a few frames has none
+    assert moved + stood == len(np.unique(run.objects.tracks[has_speed]))
     assert sum(bar.get_height() for bar in axes.patches) == moved
     nobody = replace(run, objects=run.objects[:0]).plot_speeds()
     assert [text.get_text() for text in nobody.texts] == ["no road user moved"]
