@@ -9,8 +9,7 @@ import signal
 import sys
 from types import FrameType
 
-from lidcam.pipeline.core.ending import undo_all
-from lidcam.pipeline.core.system import ENDING_SIGNALS
+from lidcam.pipeline.core.ending import ENDING_SIGNALS, undo_all
 
 STDERR = 2
 

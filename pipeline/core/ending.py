@@ -4,8 +4,20 @@ Nothing unwinds then, so what has to go is listed here while it exists (as git d
 end in this way; elsewhere a signal is what Python makes of it, and the usual clean-up does the same.
 """
 
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+
+ENDING_SIGNALS = {
+    getattr(signal, name): reason
+    for name, reason in {
+        "SIGINT": "interrupted",
+        "SIGTERM": "terminated",
+        "SIGHUP": "ended: its terminal was closed",
+    }.items()
+    if hasattr(signal, name)
+}
+"""Signals that terminals and service managers send to all processes, with the words for their effect."""
 
 _undoings: dict[object, Callable[[], object]] = {}
 

@@ -1,11 +1,10 @@
-"""One door to what Linux and macOS have and Windows lacks: locks, signals, flags of open(2).
+"""One door to what Linux and macOS have and Windows lacks: locks, flags of open(2).
 
 Under Windows lidcam is imported and reads recordings. It does not write there: nobody has tried how its locks, and its
 folders that get their names when they are whole, fare among the rules of that system.
 """
 
 import os
-import signal
 from pathlib import Path
 from typing import IO
 
@@ -20,17 +19,6 @@ else:
 
 NO_FOLLOW, NO_WAIT, NOT_INHERITED = (getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC"))
 """Flags of open(2): fail at a link, do not wait for a FIFO, close the file in programs that are started."""
-
-ENDING_SIGNALS = {
-    getattr(signal, name): reason
-    for name, reason in {
-        "SIGINT": "interrupted",
-        "SIGTERM": "terminated",
-        "SIGHUP": "ended: its terminal was closed",
-    }.items()
-    if hasattr(signal, name)
-}
-"""Signals that terminals and service managers send to all processes, with the words for their effect."""
 
 
 def check_writable_here() -> None:

@@ -18,9 +18,8 @@ from multiprocessing.context import ForkProcess
 from pathlib import Path
 from typing import Any, cast
 
-from lidcam.pipeline.core.ending import undone_at_once
+from lidcam.pipeline.core.ending import ENDING_SIGNALS, undone_at_once
 from lidcam.pipeline.core.errors import WorkerError
-from lidcam.pipeline.core.system import ENDING_SIGNALS
 from lidcam.pipeline.graph import Graph, Node
 from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from lidcam.pipeline.parallel.transfer import connected, receive, send
