@@ -17,7 +17,8 @@ class FuseConfig(SettingsModel):
         calibration: `auto` corrects direction and clock of each camera by the recording itself, from boxes of lidars
             and 2D boxes in frames spread over it; `recorded` takes both as they were recorded.
         refine: Fit the boxes to the 2D boxes that are matched with them. Off, they stay as the lidars gave them.
-        pixel_sigma_px: Standard deviation of the edges of 2D boxes that match, pixels. The smaller it is, the more the
+        pixel_sigma_px: Standard deviation of the edges of 2D boxes that match, pixels; a recording that is long enough
+            tells how much larger it is, else left and right edges get twice as much. The smaller it is, the more the
             cameras decide.
         outline_sigma: Standard deviation that is added to it, as a share of the size of the 2D box (the root of its
             area): objects are no cuboids, and detectors err in proportion.
