@@ -29,6 +29,9 @@ REAR_SHARE = 0.28
 MAX_SCALE_M = 4.0
 """Maximum motion scale, metres: longer vehicles accelerate no faster than one of this length."""
 
+LATERAL_M_S2 = 3.0
+"""Standard deviation of the change of a vehicle's lateral acceleration within a second, m/s^2."""
+
 ROBUST_DISTANCE = 9.0
 """Squared Mahalanobis distance beyond which a box weighs less."""
 
@@ -41,8 +44,8 @@ class Priors(Table):
 
     lengths_m: F64  # (C,) length of the class, metres
     scales_m: F64  # (C,) unit of length of its motion, metres; limited, as long vehicles are no faster
-    # (C, 5) densities of acceleration, yaw acceleration, position and heading, and the speed, m/s, above which it turns
-    # freely: less when slower, not at all when standing. 0 for people
+    # (C, 5) densities of acceleration, yaw acceleration, position and heading, and the speed, m/s, below which
+    # it turns less the slower it is, and not at all when standing; 0 for people
     noise: F64
     speeds: F64  # (C,) standard deviation of the speed at the first sighting, m/s
     show_axis: Bools  # (C,) bool, whether the box shows the axis of the motion, as it does not for people on foot
@@ -180,11 +183,16 @@ def _turned(states: F64, after_s: F64) -> tuple[F64, F64]:
 
 
 def _process_noise(states: F64, after_s: F64, noise: F64) -> F64:
-    """(N, 5, 5) noise of white acceleration along the heading, white yaw acceleration, and model errors."""
+    """(N, 5, 5) noise of white acceleration along the heading, white yaw acceleration, and model errors.
+
+    A vehicle that stands does not turn; a fast one turns as far as its lateral acceleration allows.
+    """
     cos, sin = np.cos(states[:, HEADING]), np.sin(states[:, HEADING])
     acceleration, turning, position, heading, rolling_m_s = noise.T
-    rolls = np.minimum(np.abs(states[:, SPEED]) / np.maximum(rolling_m_s, 1e-9), 1.0)
-    turning = np.where(rolling_m_s > 0, turning * rolls**2, turning)
+    speeds = np.abs(states[:, SPEED])
+    rolls = np.minimum(speeds / np.maximum(rolling_m_s, 1e-9), 1.0)
+    max_turning = (LATERAL_M_S2 / np.maximum(speeds, 1e-9)) ** 2
+    turning = np.where(rolling_m_s > 0, np.minimum(turning * rolls**2, max_turning), turning)
     along = acceleration * after_s**3 / 3 + position * after_s
     across = position * after_s
     out = np.zeros((len(states), STATE, STATE))

@@ -143,6 +143,17 @@ def test_boxes_across_a_vehicle_that_stands_do_not_turn_it_round() -> None:
     assert np.cos(found.motions.states[:, HEADING]).min() > 0.8
 
 
+def test_a_box_across_after_a_gap_does_not_turn_what_drives() -> None:
+    def place(t: float) -> tuple[float, float, float]:
+        return 10.0 * t, 0.0, 1.3 if round(t / PERIOD_S) == 45 else 0.0
+
+    whole, labels = one_track(scene([Mover(place)], 60, noise_m=0.1))
+    labels[30:45] = -1
+    found = estimated(whole, labels, PRIORS)
+    np.testing.assert_allclose(found.motions.states[:, 1], 0.0, atol=1.0)
+    np.testing.assert_allclose(found.motions.states[:, HEADING], 0.0, atol=0.2)
+
+
 def wandering(t: float) -> tuple[float, float, float]:
     """Places of a parked car of few points: off by up to two metres at first, then less."""
     return 2.0 * np.sin(37.0 * t) * max(0.1, 1.0 - t), 0.3 * np.sin(23.0 * t), 0.0
