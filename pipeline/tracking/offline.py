@@ -20,6 +20,7 @@ from lidcam.pipeline.tracking.joining import joined_in_place, joined_over_gaps
 from lidcam.pipeline.tracking.motion import HEADING, SPEED, Priors
 from lidcam.pipeline.tracking.online import OnlineTracker
 from lidcam.pipeline.tracking.sightings import MIN_MEASUREMENTS, NOT_SEEN, FrameSightings, Scene, TrackRows
+from lidcam.pipeline.tracking.undersides import climb_variances, smoothed_undersides, underside_variances
 
 EXTRA_OVERLAP_S = 2.0
 """Extra window overlap beyond `max_gap_s`, seconds."""
@@ -33,9 +34,6 @@ MISS_MARGIN_S = 0.25
 PLAIN_POINTS = 200.0
 """Number of lidar points with half the weight of any number: a view of few points is a poorer view of the same thing,
 which says nothing that a better one does not."""
-
-HEIGHT_FRAMES = 5
-"""Half-width of the height average, frames."""
 
 
 class OfflineTracker:
@@ -249,16 +247,16 @@ def _rows(
 
 
 def _heights_m(scene: Scene, estimates: Estimates) -> F64:
-    """(N,) z of the centre of each cell, from the underside averaged over `HEIGHT_FRAMES` and the track's height."""
-    courses = estimates.courses
-    out = np.zeros(len(estimates.are_seen))
-    for track, (first, last) in enumerate(pairwise(courses.starts.tolist())):
-        seen = np.flatnonzero(estimates.are_seen[first:last])
-        sightings = scene.sightings.select(estimates.sightings[first + seen])
-        undersides = sightings.heights_m - sightings.sizes[:, 2] / 2
-        sums = np.concatenate([[0.0], np.cumsum(undersides)])
-        low = np.maximum(np.arange(len(seen)) - HEIGHT_FRAMES, 0)
-        high = np.minimum(np.arange(len(seen)) + HEIGHT_FRAMES + 1, len(seen))
-        means = (sums[high] - sums[low]) / (high - low)
-        out[first:last] = np.interp(np.arange(last - first), seen, means) + estimates.sizes[track, 2] / 2
-    return out
+    """(N,) z of the centre of each cell, from its smoothed underside and the track's height."""
+    courses, cells = estimates.courses, np.flatnonzero(estimates.are_seen)
+    tracks, frames = courses.cell_tracks, courses.cell_frames
+    sightings = scene.sightings.select(estimates.sightings[cells])
+    undersides_m, variances = np.zeros(len(frames)), np.ones(len(frames))
+    undersides_m[cells] = sightings.undersides_m
+    variances[cells] = underside_variances(sightings.point_counts)
+    xy = estimates.motions.states[:, :2]
+    objects_m = np.linalg.norm(np.diff(xy, axis=0, prepend=xy[:1]), axis=1)
+    rig_m = np.linalg.norm(np.diff(scene.sites_xy, axis=0, prepend=scene.sites_xy[:1]), axis=1)
+    climbs = climb_variances(objects_m, rig_m[frames])
+    undersides_m = smoothed_undersides(courses, estimates.are_seen, undersides_m, variances, climbs)
+    return np.asarray(undersides_m + estimates.sizes[tracks, 2] / 2)

@@ -76,6 +76,11 @@ class Sightings(Table):
     end_points: F64
     show_front: Bools  # (N,) bool, whether the yaw tells front from rear, as that of clusters and of 2D boxes does not
 
+    @property
+    def undersides_m(self) -> F64:
+        """(N,) z of their undersides, metres."""
+        return self.heights_m - self.sizes[:, 2] / 2
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameSightings:
