@@ -150,6 +150,17 @@ def updated(motions: Motions, difference: F64, derivatives: F64, noise: F64, rob
     return Motions(motions.states + (gains @ difference[..., None])[..., 0], covariances)
 
 
+def with_possible_turns(motions: Motions, rolling_m_s: F64) -> Motions:
+    """The same tracks, with yaw rates (N,) within what a turning radius of one motion scale allows at their speed.
+
+    `rolling_m_s` (N,) is the last column of the noise of `Priors`; where it is 0, any yaw rate is possible.
+    """
+    max_rad_s = np.abs(motions.states[:, SPEED]) / np.where(rolling_m_s > 0, rolling_m_s, np.inf)
+    states = motions.states.copy()
+    states[:, TURN] = np.where(rolling_m_s > 0, np.clip(states[:, TURN], -max_rad_s, max_rad_s), states[:, TURN])
+    return Motions(states, motions.covariances)
+
+
 def at_centers(motions: Motions, rear_m: F64) -> Motions:
     """The same tracks with positions of box centres, `rear_m` (N,) ahead of the rear axles."""
     cos, sin = np.cos(motions.states[:, HEADING]), np.sin(motions.states[:, HEADING])

@@ -30,6 +30,7 @@ from lidcam.pipeline.tracking.motion import (
     innovations,
     predicted,
     updated,
+    with_possible_turns,
 )
 from lidcam.pipeline.tracking.sightings import (
     MIN_FRONT_TRAVEL,
@@ -236,6 +237,7 @@ class OnlineTracker:
         seen, beliefs = live.select(tracks), sightings.beliefs
         boxes, slopes = expected(seen.motions, sightings.later_s, seen.rear_m)
         after = updated(seen.motions, innovations(sightings.boxes, boxes), slopes, noise, ROBUST_DISTANCE)
+        after = with_possible_turns(after, self._priors.noise[seen.class_ids, -1])
         votes = seen.votes.copy()
         votes[np.arange(len(seen)), sightings.class_ids] += beliefs
         agreement = np.sign(np.cos(sightings.boxes[:, 2] - after.states[:, HEADING]))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tracked_scenes import CAR, PEDESTRIAN, PERIOD_S, PRIORS, Mover, scene, straight
 
-from lidcam.pipeline.tracking.motion import HEADING, SPEED
+from lidcam.pipeline.tracking.motion import HEADING, SPEED, TURN
 from lidcam.pipeline.tracking.online import OnlineTracker
 from lidcam.pipeline.tracking.sightings import NOT_SEEN, FrameSightings, TrackRows
 
@@ -34,6 +34,15 @@ def test_boxes_that_are_turned_round_do_not_turn_the_track() -> None:
     rows = tracked(scene([Mover(straight(0, 0, 0.0, 6.0), turned=lambda k: k % 3 != 2)], 30))
     assert all(abs(row.states[0, HEADING]) < 0.2 for row in rows[10:])
     assert all(row.states[0, SPEED] > 0 for row in rows[10:])
+
+
+def test_wrong_headings_do_not_set_what_stands_spinning() -> None:
+    # A parked car far away, as a real drive showed it.
+    begin = [(0.2, -0.1, 0.43), (-0.2, 0.7, 1.01), (-0.3, 0.7, 1.01), (-0.1, 0.0, 1.95), (0.1, -0.1, 0.4)]
+    frames = scene([Mover(lambda t: dict(enumerate(begin)).get(round(t / PERIOD_S), (0.0, 0.0, 0.0)))], 25)
+    states = np.concatenate([rows.states for rows in tracked(frames)])
+    assert (np.abs(states[:, TURN]) <= np.abs(states[:, SPEED]) / PRIORS.scales_m[CAR]).all()
+    assert abs(np.sin(states[-1, HEADING])) < 0.1
 
 
 def test_cars_that_pass_each_other_keep_their_numbers() -> None:
