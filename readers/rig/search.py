@@ -91,7 +91,7 @@ def find_sensors(
     transforms, of_rig = _with_rig(recorded, rig_file)
     of_lidars, of_cameras, of_detectors = Findings(), Findings(), Findings()
     detectors = find_detector_topics(recording, config, first, of_detectors)
-    lidar_topics = find_lidar_topics(recording, config.topics, first, of_lidars, transforms, limits=config.limits)
+    lidar_topics = find_lidar_topics(recording, config.topics, first, of_lidars, transforms)
     lidars = assign_lidars(rig_file.lidars, lidar_topics, recording, of_lidars)
     if not lidars and not detectors and rig_file.lidars == {}:
         raise CalibrationError("the rig file says `lidars: {}`, no lidar: name one, or leave `lidars` out to use all")

@@ -20,19 +20,15 @@ from lidcam.readers.messages.compressed_cloud import COMPRESSED_CLOUDS
 from lidcam.readers.messages.registry import types_of
 from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.natural_order import natural_key
-from lidcam.readers.ouster.packets import SWEEP
 from lidcam.readers.recording import Recording, TopicInfo
-from lidcam.readers.rig.derived import cloud_sources, image_sources, is_computed, is_measured, is_world_frame
+from lidcam.readers.rig.derived import PACKETS, cloud_sources, image_sources, is_computed, is_measured, is_world_frame
 from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.rig.topic_names import is_measured_image, is_truth, pair_score, place, transport_free
 from lidcam.readers.rig.undecoded import undecoded
-from lidcam.readers.velodyne.scan import SCAN
 from lidcam.readers.video.packets import VIDEO
 
 CLOUD, IMAGE = types_of("cloud"), types_of("image")
 CAMERA_INFO, BOXES = types_of("camera info"), types_of("2D boxes")
-PACKETS = frozenset({SCAN, SWEEP})
-"""Types of sweeps of a lidar's packets."""
 
 MADE_OF_OTHERS = "/point_cloud_combined", "/ground_cloud"
 """Topics made of others, which are used only if no other topic of their kind was recorded."""
@@ -102,8 +98,6 @@ def find_lidar_topics(
     first: FirstMessages,
     findings: Findings,
     transforms: RecordedTransforms | None = None,
-    *,
-    limits: RecordingLimits = DEFAULT_LIMITS,
 ) -> list[str]:
     """Topics of clouds, in natural order or as configured.
 
@@ -128,7 +122,7 @@ def find_lidar_topics(
     chosen = _first_hand(measured, notes, _hand_of_cloud(measured, first, transforms))
     unreadable = [info for info in recorded if info.unreadable]
     chosen = _readable(_before_copies([*chosen, *unreadable], first, notes), "lidar", findings)
-    sources = cloud_sources(recording, chosen, first, transforms, limits)
+    sources = cloud_sources(recording, chosen, first, transforms)
     return _sensors(sources, "lidars", notes, was_choice=len(notes) > before)
 
 
