@@ -122,7 +122,8 @@ class FirstMessages:
                 fault = fault or err
             if tried == MAX_TRIES:
                 break
-        return MessageError(f"{topic}: none of its first {tried} messages can be decoded: {fault or 'it has none'}")
+        reason = str(fault or "it has none").removeprefix(f"{topic}: ")
+        return MessageError(f"{topic}: none of its first {tried} messages can be decoded: {reason}")
 
 
 @decoder

@@ -70,8 +70,8 @@ class Findings:
         return Findings([*self.faults], [*self.notes])
 
     def leave_out(self, sensor: str, topic: str, reason: object) -> None:
-        """Add a fault."""
-        self.faults.append(SensorFault(sensor, topic, str(reason)))
+        """Add a fault; its topic is not said twice."""
+        self.faults.append(SensorFault(sensor, topic, str(reason).removeprefix(f"{topic}: ")))
 
 
 class CameraTopics(NamedTuple):
