@@ -230,7 +230,7 @@ def _no_clouds(recording: Recording, config: Config, of_detectors: Findings) -> 
             f"{expected}; found 3D boxes: {_listed(boxes)}; --set detect3d.method=recorded goes by the boxes of "
             "a detector"
         )
-    if lines := undecoded(recording.topics):
+    if lines := undecoded(recording, recording.topics):
         return f"{expected}; found {'; '.join(lines[:MAX_LISTED])}"
     there = any(info.msgtype in CLOUD for info in recording.topics)
     remedy = "see topics.exclude and topics.lidars of the settings" if there else "record the clouds of the driver, too"

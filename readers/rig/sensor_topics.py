@@ -117,7 +117,8 @@ def find_lidar_topics(
         if info.gathered_from
     ]
     excluded = config.exclude
-    notes += undecoded(one for one in recording.topics if not any(fnmatchcase(one.topic, name) for name in excluded))
+    others = (one for one in recording.topics if not any(fnmatchcase(one.topic, name) for name in excluded))
+    notes += undecoded(recording, others)
     before = len(notes)
     chosen = _first_hand(measured, notes, _hand_of_cloud(measured, first, transforms))
     unreadable = [info for info in recorded if info.unreadable]
