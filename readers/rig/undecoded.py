@@ -62,7 +62,7 @@ HESAI = {
 }
 """Models by the first bytes of a packet: those of the protocol and its version.
 
-Source: UdpParser of github.com/HesaiTechnology/HesaiLidar_SDK_2.0; those of a Pandar64 have numbers of lasers and blocks.
+Source: UdpParser of github.com/HesaiTechnology/HesaiLidar_SDK_2.0; a Pandar64's have the numbers of lasers and blocks.
 """
 
 ROBOSENSE = re.compile(rb"\x55\xaa\x05(?:\x0a\x5a\xa5\x50\xa0.{22}|\x5a.{27})(.)", re.DOTALL)

@@ -205,7 +205,7 @@ def assert_refused(paths: Sequence[Path], *parts: str) -> None:
         ("drive.bag.xz", lzma.compress(b"#ROSBAG V2.0\n"), "xz; unpack it with `unxz --keep`"),
         ("drive.zip", b"PK\3\4\x14\0", "a zip archive; unpack it"),
         ("out.rrd", b"RRF2\0\1\0\0", "a Rerun recording, which is for viewing"),
-        ("drive.osf", b"\x20\0\0\0\x10\0\0\0OSF#\0", "an Ouster recording (OSF); save it as a .pcap"),
+        ("drive.osf", b"\x34\0\0\0\x14\0\0\0OSF$\x0c", "an Ouster recording (OSF); save it as a .pcap"),
         ("old.bag", b"#ROSBAG V1.2\n" + b"\0" * 50, "format 1.2; convert it"),
         ("magic.bag", b"#ROSBAG V2.0\n", "damaged or was not closed"),
         ("magic.mcap", b"\x89MCAP0\r\n", "damaged or was not closed"),
