@@ -67,6 +67,12 @@ MIN_SAME, MIN_NEAR = 0.9, 0.8
 MIN_WIDER, MAX_THINNED = 1.4, 0.5
 """Smallest ratio of spreads, and largest of points, of a cloud that was thinned out: points near a lidar are dense."""
 
+LEAVES_M = 0.05, 0.1, 0.15
+"""Cells of which filters keep one point each (VoxelGrid); larger ones thin a cloud out."""
+
+MAX_IN_ONE, MIN_IN_ONE = 0.01, 0.2
+"""Largest share of points that share a cell with others after such a filter, and the smallest before it."""
+
 RUN, MIN_SAMPLED_RUNS = 8, 50
 """Length of the runs of intensities by which copied points are recognised, and the fewest that say something."""
 
@@ -332,6 +338,7 @@ def _is_cloud_of(
         return False  # another lidar's
     is_few = len(made) < MAX_THINNED * len(cloud) or not made.intensity.any()
     is_thinned = (is_poor and is_few) or _spread_m(made.xyz) >= MIN_WIDER * _spread_m(cloud.xyz)
+    is_thinned = is_thinned or (len(made) < len(cloud) and _is_grid(made.xyz, cloud.xyz))
     return (is_thinned or is_copied()) and _found(points, cloud.xyz, NEAR_M) >= MIN_NEAR
 
 
@@ -358,6 +365,16 @@ def _is_unjoined_cloud_of(
 def _is_same(points: F32, others: F32) -> bool:
     """Whether nearly all points of one cloud are among those of another one."""
     return max(_found(points, others, SAME_M), _found(others, points, SAME_M)) >= MIN_SAME
+
+
+def _is_grid(made: F32, points: F32) -> bool:
+    """Whether a filter left one point in each cell."""
+    return any(_in_one(made, leaf) <= MAX_IN_ONE and _in_one(points, leaf) >= MIN_IN_ONE for leaf in LEAVES_M)
+
+
+def _in_one(points: F32, cell_m: float) -> float:
+    """Share of points in cells that have one already."""
+    return 1 - len(np.unique(_keys(points, cell_m))) / len(points)
 
 
 def _spread_m(points: F32) -> float:

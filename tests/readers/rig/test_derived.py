@@ -144,6 +144,10 @@ def in_its_frame(one: Sweep) -> Iterable[RawMessage]:
     yield cloud("/clusters", one, one.xyz[: 20 * (one.number % 3)], "velodyne")
 
 
+def in_a_grid(one: Sweep) -> Iterable[RawMessage]:
+    yield cloud("/downsampled", one, thinned(one.xyz, 0.1), "velodyne")
+
+
 def in_slam_origin(one: Sweep) -> Iterable[RawMessage]:
     yield cloud("/local_map", one, one.xyz + one.driven, "slam_origin")
     yield moved(one, "slam_origin", "tracker")
@@ -206,6 +210,7 @@ VELODYNE, LEFT, LINK = (
         (autoware, True, [VELODYNE], []),
         (in_its_frame, True, [], []),
         (in_its_frame, False, [], []),
+        (in_a_grid, False, [], []),
         (in_slam_origin, True, [VELODYNE], []),
         (of_a_stereo_camera, True, [VELODYNE], []),
         (maps, True, [VELODYNE], []),
