@@ -67,7 +67,7 @@ MAX_LINES = {
     "pipeline": (170, 160),
     "pipeline/calibration": (670, 200),
     "pipeline/core": (4480, 2290),
-    "pipeline/detectors": (3710, 2790),
+    "pipeline/detectors": (3720, 2790),
     "pipeline/evaluation": (3970, 2210),
     "pipeline/filters": (350, 580),
     "pipeline/fusion": (2980, 1670),

@@ -224,7 +224,8 @@ def test_paths_without_a_recording(tmp_path: Path) -> None:
     assert_refused([tmp_path], "expected a ROS 2 bag folder", "found none")
     for folder, says in (("training/velodyne", "frames of KITTI"), ("2011_09_26/velodyne_points", "`kitti2mcap`")):
         (tmp_path / folder / "data").mkdir(parents=True)
-        assert_refused([tmp_path], "expected a ROS 2 bag folder", says)
+        for path in (tmp_path, tmp_path.parent, tmp_path / folder / "data"):
+            assert_refused([path], "expected a ROS 2 bag folder", says)
 
 
 def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
