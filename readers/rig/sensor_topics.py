@@ -210,10 +210,9 @@ def configured_topics(
     """Topics of the settings that the recording has; the others become faults."""
     there = readable_topics(recording, msgtypes)
     names = ", ".join(sorted(there, key=natural_key)) or "none"
-    wanted = " or ".join(sorted(msgtypes))
     for topic in topics:
         if topic not in there:
-            reason = f"the settings name it, but the recording has no such {wanted}; it has {names}"
+            reason = f"the settings name it, but the recording has no such topic of a {kind}; it has {names}"
             findings.leave_out(kind, topic, reason)
     return [topic for topic in dict.fromkeys(topics) if topic in there]
 

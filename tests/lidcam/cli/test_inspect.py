@@ -52,6 +52,22 @@ def test_a_rig_to_start_from_is_no_failure(tmp_path: Path, capsys: pytest.Captur
     assert "TODO" in rig.read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (("detect2d.model=none.onnx",), "none.onnx: expected an ONNX file, found no such file"),
+        (("detect3d.model=none.onnx",), "none.onnx: expected an ONNX file, or a network that comes with"),
+        (("detect2d.method=recorded",), "expected recorded 2D boxes"),
+    ],
+)
+def test_networks_that_a_run_could_not_use_are_its_problem(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], settings: tuple[str, ...], words: str
+) -> None:
+    with pytest.raises(CheckError, match=f"lidcam could not process it: .*{words}"):
+        inspected(recording(tmp_path / "a.bag", "top"), *settings)
+    assert printed(capsys)[2] == 1
+
+
 def test_without_sensors_there_is_no_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, rig = recording(tmp_path / "a.bag"), tmp_path / "rig.yaml"
     with pytest.raises(CheckError, match="no rig to write: "):
