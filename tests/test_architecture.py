@@ -57,7 +57,7 @@ MAX_LINES = {
     "lidcam": (1420, 680),
     "lidcam/batches": (1280, 560),
     "lidcam/checks": (1010, 750),
-    "lidcam/cli": (4220, 1520),
+    "lidcam/cli": (4220, 1530),
     "lidcam/evaluation": (970, 620),
     "lidcam/networks": (180, 170),
     "lidcam/notebook": (880, 260),

@@ -13,6 +13,7 @@ from logging_state import kept_logging
 
 from lidcam.cli.inspect import inspect
 from lidcam.pipeline.core.errors import CheckError, IncompleteError
+from lidcam.readers.open import open_recording
 from lidcam.readers.rig.rig_file import load_rig
 
 STEP_NS = 100_000_000
@@ -66,6 +67,18 @@ def test_networks_that_a_run_could_not_use_are_its_problem(
     with pytest.raises(CheckError, match=f"lidcam could not process it: .*{words}"):
         inspected(recording(tmp_path / "a.bag", "top"), *settings)
     assert printed(capsys)[2] == 1
+
+
+def test_a_check_sees_messages_that_cannot_be_decoded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    good, bad = recording(tmp_path / "good.bag", "top"), tmp_path / "bad.bag"
+    with open_recording([good]) as opened:
+        messages = [one if one.log_time_ns % 10**9 == 0 else one._replace(data=b"") for one in opened.messages()]
+    write_rosbag1(bad, messages)
+    inspected(bad)
+    assert printed(capsys) == ("", [], 0)
+    with pytest.raises(IncompleteError, match="/top: 2 messages dropped: cannot be decoded"):
+        inspected(bad, check=True)
+    assert printed(capsys)[2] == 3
 
 
 def test_without_sensors_there_is_no_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
