@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from lidcam.checks.calibration.check import check_first_clouds
 from lidcam.checks.clocks import clock_notes, sync_warnings
 from lidcam.checks.messages import check_not_empty
 from lidcam.evaluation.figures import NamedFigures
-from lidcam.pipeline.core.errors import CalibrationError, RecordingError, short_memory_told
+from lidcam.pipeline.core.errors import CalibrationError, LidcamError, RecordingError, short_memory_told
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.text import brief
@@ -25,7 +26,14 @@ from lidcam.readers.rig.sensor_topics import SensorFault
 from lidcam.readers.streams.motion import find_motion_source
 from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.readers.streams.survey import TopicSurvey, survey
-from lidcam.run.box_sources import BoxSource, box_source, boxes_2d_words, engine_3d
+from lidcam.run.box_sources import (
+    BoxSource,
+    KnownBoxes,
+    box_source,
+    boxes_2d_words,
+    check_box_source,
+    engine_3d,
+)
 from lidcam.run.choice import SettingsChoice, UsedSettings, use_settings, used_record
 from lidcam.run.frames import RunInput, TimeWindow, missing_from_frames, no_frames, sensor_clocks, synchronize_stamps
 from lidcam.run.job import RigSource, read_rig
@@ -174,10 +182,11 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
     clocks = sensor_clocks(found.rig, drops)
     topics = look(watch=partial(synchronize_stamps, source, drops, stats, clocks))
     missing = missing_from_frames(source, stats)
+    cannot = "" if stats.sets or window.stop_ns is not None else no_frames(source, drops)
     return replace(
         inspection,
         topics=topics,
-        problem="" if stats.sets or window.stop_ns is not None else _said(no_frames(source, drops), recording),
+        problem=_said(cannot or _unusable_network(choice.config, source), recording),
         missing=tuple(missing),
         drops=drops.rows,
         sync=stats,
@@ -197,6 +206,22 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         settings=used,
         losses=recording.losses,
     )
+
+
+def _unusable_network(named: Config, source: RunInput) -> object:
+    """Why the networks, the device or the 2D boxes that the caller names cannot be used; empty if they can."""
+    sections = named.detect2d, named.detect3d
+    is_named = any(isinstance(section.model, Path) or section.provider == "cuda" for section in sections)
+    if not is_named and named.detect2d.method == "auto":
+        return ""
+    from lidcam.run.build import build_graph  # loads the networks
+
+    try:
+        build_graph(source.config, source.rig, KnownBoxes(), on_bad="skip")
+        check_box_source(source.config, source.recording, source.rig)
+    except LidcamError as err:
+        return err
+    return ""
 
 
 def _said(problem: object, recording: Recording) -> str:

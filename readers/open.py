@@ -47,8 +47,8 @@ OTHER_KINDS = {
 }
 """Files that are taken for recordings, by their first bytes, and what to do."""
 
-OSF_MARK = b"OSF#"
-"""Name of Ouster's format, behind two numbers."""
+OSF_MARK = b"OSF$"
+"""Name of the header of Ouster's format, behind two numbers (ouster-sdk, ouster_osf/fb/header.fbs)."""
 
 MAX_OVERLAP_NS = 500_000_000
 """Longest time over which two parts of one recording overlap: messages on their way come with the next part."""

@@ -7,7 +7,14 @@ from lidcam.pipeline.stages.sync.clocks import Clocks, TimeJump
 from lidcam.pipeline.stages.sync.drop_reason import DropReason
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.run.frames import RunInput
-from lidcam.run.missing import MissingSensor, absence_warnings, never_used, silence_warnings, with_camera
+from lidcam.run.missing import (
+    MissingSensor,
+    absence_warnings,
+    apart_warnings,
+    never_used,
+    silence_warnings,
+    with_camera,
+)
 from lidcam.run.summary import DropCount, dropped_by_topic
 from lidcam.run.warning import RunWarning
 
@@ -29,7 +36,7 @@ def sync_warnings(
 ) -> Iterator[RunWarning]:
     """Findings in the stamps of sensors, in a run as in an inspection: jumps, silence, reasons for absence."""
     yield from jump_warnings(clocks.jumps, start_ns=source.recording.start_ns)
-    yield from silence_warnings(missing)
+    yield from apart_warnings(missing) or silence_warnings(missing)
     counts = {(drop.topic, drop.reason): drop.count for drop in drops}
     yield from (
         clocks_off(clocks.delays_ns, missing, source.rig)

@@ -100,6 +100,7 @@ def inspect(
     remarks: list[str] = []
     verdict: Verdict | None = None
     checked: RigCheck | None = None
+    whole: Sequence[str] = ()  # what the run of a check could not use
     with OutputTransaction(files, check_old=check_old) as outputs:
         if repair is None:
             inspection = inspect_recording(job.inputs, job.settings, job.rig)
@@ -116,7 +117,7 @@ def inspect(
                 inspection = replace(inspection, losses=recorded.losses)
                 verdict = Verdict((), (*damage_lines(recorded.losses), *_not_copied(recorded)))
         if check and not inspection.problem:
-            checked = _checked(job)
+            checked, whole = _checked(job)
         if write_rig is not None and checked is not None:
             outputs[write_rig].write_text(marked_yaml(rig_yaml(checked.corrected())))
             remarks.insert(0, f"wrote {write_rig}: {checked.correction_count} corrections")
@@ -133,6 +134,7 @@ def inspect(
     for remark in remarks:  # the files have their names now
         remark_log.info("%s", remark)
     verdict = verdict or _verdict(inspection, needs_rig=write_rig is None)
+    verdict = verdict._replace(incomplete=tuple(dict.fromkeys((*verdict.incomplete, *whole))))
     outcomes = [one.check(inspection.figures) for one in required]
     unmet = (outcome.failure for outcome in outcomes if outcome.failure)
     verdict = verdict._replace(failures=(*verdict.failures, *unmet))
@@ -147,15 +149,15 @@ def _verdict(inspection: "Inspection", *, needs_rig: bool) -> Verdict:
     return Verdict((), (*([problem] * bool(problem)), *inspection.incomplete))
 
 
-def _checked(job: "Job") -> "RigCheck":
-    """The rig, checked by the whole recording."""
+def _checked(job: "Job") -> "tuple[RigCheck, Sequence[str]]":
+    """The rig, checked by the whole recording, and what the run could not use of that."""
     from lidcam.cli.printing.rig_check import CheckedRun
     from lidcam.processing import process_recording
 
     with ExitStack() as stack:
         run = CheckedRun(stack)
-        process_recording(job, run)
-    return run.check
+        summary = process_recording(job, run)
+    return run.check, summary.incomplete
 
 
 def _print(
@@ -183,7 +185,7 @@ def _print(
     else:
         unmet = sum(bool(one.failure) for one in outcomes)
         not_met = f"{unmet} of {len(outcomes)} requirements not met" if unmet and not inspection.problem else ""
-        told = not_met or (first_of(verdict.incomplete) or "every message was copied" if repaired else "")
+        told = not_met or first_of(verdict.incomplete) or ("every message was copied" if repaired else "")
         print_inspection(out, inspection, told, every_topic=is_verbose())
         if checked is not None:
             from lidcam.cli.printing.rig_check import print_check

@@ -164,8 +164,8 @@ def synchronize_stamps(
 def missing_from_frames(source: RunInput, stats: SyncStats) -> list[MissingSensor]:
     """Sensors that are missing from frames."""
     absences = stats.attendance.absences(synchronized_topics(source.config, source.rig))
-    of_frames = -(-stats.sets // source.config.sync.every)
-    return missing_sensors(absences, source.rig, of_frames=of_frames, start_ns=source.recording.start_ns)
+    of_frames, start_ns = -(-stats.sets // source.config.sync.every), source.recording.start_ns
+    return missing_sensors(absences, source.rig, stats.attendance.groups, of_frames=of_frames, start_ns=start_ns)
 
 
 def _every(

@@ -45,6 +45,8 @@ class MissingSensor:
         frames: Number of frames without it.
         of_frames: Number of all frames.
         silences: Spans in which it sent nothing; `frames` includes theirs.
+        is_apart: Whether all of its frames lack the lidars, or the other ones, and all sensors that these share frames
+            with: it is of another time.
     """
 
     sensor: str
@@ -52,6 +54,7 @@ class MissingSensor:
     frames: int
     of_frames: int
     silences: tuple[SilentSpan, ...]
+    is_apart: bool = False
 
     @property
     def alive_frames(self) -> int:
@@ -70,8 +73,18 @@ class MissingSensor:
         return "; ".join(filter(None, (self.spans, single)))
 
 
-def missing_sensors(absences: Sequence[Absence], rig: Rig, *, of_frames: int, start_ns: int) -> list[MissingSensor]:
-    """Missing sensors from absences in `of_frames` frames; `start_ns` is the log time of the start of the recording."""
+def missing_sensors(
+    absences: Sequence[Absence], rig: Rig, groups: Iterable[set[str]] = (), *, of_frames: int, start_ns: int
+) -> list[MissingSensor]:
+    """Missing sensors from absences in `of_frames` frames; `start_ns` is the log time of the start of the recording.
+
+    `groups` are the topics that share frames; those beside most lidars, else the most, are together.
+    """
+    topics = [*rig.sensor_of_topic]
+    geometric = {one.topic for one in rig.lidars} | {one.topic for one in rig.detectors}
+    ordered = sorted(groups, key=lambda group: min(map(topics.index, group)))
+    usual = max(ordered, key=lambda group: (len(group & geometric), len(group)), default=set[str]())
+    apart = set[str]().union(*ordered) - usual
 
     def seconds(log_time_ns: int | None) -> float | None:
         return None if log_time_ns is None else (log_time_ns - start_ns) / 1e9
@@ -83,6 +96,7 @@ def missing_sensors(absences: Sequence[Absence], rig: Rig, *, of_frames: int, st
             absence.frames,
             of_frames,
             tuple(SilentSpan(seconds(s.start_ns), seconds(s.end_ns), s.frames) for s in absence.silences),
+            absence.topic in apart,
         )
         for absence in absences
     ]
@@ -112,16 +126,21 @@ def _silence_warning(finding: str, sensors: Sequence[MissingSensor]) -> RunWarni
 def absent_sensors(
     missing: Sequence[MissingSensor], dropped: Mapping[str, int] = MappingProxyType({})
 ) -> list[MissingSensor]:
-    """Sensors that sent messages but are in no frame of several; a camera's boxes are listed only without it.
+    """Sensors that sent messages but are in no frame of several, or in none with the others.
+
+    A camera's boxes are listed only without it.
 
     `dropped` is the number of dropped messages by topic: those of a short recording count, too.
     """
-    absent = never_used(missing)
+    absent = never_used(missing) + [sensor for sensor in missing if sensor.is_apart]
     names = {sensor.sensor for sensor in absent}
     return [
         sensor
         for sensor in absent
-        if (sensor.of_frames >= MIN_FRAMES or dropped.get(sensor.topic, 0) >= MIN_MESSAGES)
+        if (
+            sensor.of_frames >= MIN_FRAMES
+            or max(dropped.get(sensor.topic, 0), sensor.of_frames - sensor.frames) >= MIN_MESSAGES
+        )
         and not with_camera(sensor.sensor, names)
     ]
 
@@ -137,6 +156,20 @@ def absence_warnings(
             "compare its stamps with those of the others, and see sync.slop_s and sync.max_interval_s",
         )
         for sensor in absent_sensors(missing, dropped)
+        if not sensor.is_apart
+    ]
+
+
+def apart_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
+    """One warning for each sensor that is in no frame with the others."""
+    return [
+        RunWarning(
+            sensor.sensor,
+            f"is in no frame with the other sensors: {sensor.spans or 'it was recorded at another time'}",
+            "if it was there with them, the clock of the computer that recorded it is off: record all by one clock",
+        )
+        for sensor in absent_sensors(missing)
+        if sensor.is_apart
     ]
 
 
@@ -157,8 +190,10 @@ def left_out_lines(faults: Sequence[SensorFault]) -> list[str]:
 
 def absent_lines(missing: Sequence[MissingSensor], dropped: Mapping[str, int] = MappingProxyType({})) -> list[str]:
     """One line for each sensor that was recorded and is in no frame; `dropped` as of `absent_sensors`."""
-    absent = absent_sensors(missing, dropped)
-    return [f"{sensor.sensor} is in none of the {sensor.of_frames} frames" for sensor in absent]
+    return [
+        f"{one.sensor} is in {'no frame with the others' if one.is_apart else f'none of the {one.of_frames} frames'}"
+        for one in absent_sensors(missing, dropped)
+    ]
 
 
 def changed_lines(paths: Iterable[str]) -> list[str]:

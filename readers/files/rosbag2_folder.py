@@ -78,7 +78,8 @@ def recording_files(folder: Path) -> tuple[Path, ...]:
 
 def _hint(folder: Path) -> str:
     """The kind of a folder without recordings, and what to do."""
-    names = {one.name for level in ("*", "*/*") for one in islice(folder.glob(level), MAX_LOOKED_AT)}
+    below = {one.name for level in ("*", "*/*", "*/*/*") for one in islice(folder.glob(level), MAX_LOOKED_AT)}
+    names = below.union(folder.absolute().parts[-2:])
     if names & KITTI_RAW:
         return "found a drive of KITTI's raw data: `kitti2mcap` (pip install kitti2mcap) makes an .mcap of it"
     if names & KITTI_OTHERS:
@@ -105,7 +106,9 @@ def folder_metadata(folder: Path) -> FolderMetadata:
         mode = str(information.get("compression_mode") or "").lower()
         compression = information.get("compression_format") or ""
         distro = str(information.get("ros_distro") or "")
-    except (OSError, yaml.YAMLError, LookupError, TypeError, ValueError, AttributeError) as err:
+    except (LookupError, TypeError, AttributeError) as err:
+        raise RecordingError(f"{expected}, found something else; {remedy}") from err
+    except (OSError, yaml.YAMLError, ValueError) as err:
         raise RecordingError(f"{expected}, found {type(err).__name__}: {one_line(err)}; {remedy}") from err
     if mode in {"message", "file"} and compression != "zstd":
         raise RecordingError(

@@ -26,6 +26,15 @@ Fields = dict[str, Any]
 JSON_ITEMS = (b",", b"{", b"[")
 """Bytes that come before each value but the first, which is none of those that make up base64."""
 
+JSON_KINDS: dict[str, tuple[str, type | tuple[type, ...]]] = {
+    **dict.fromkeys(("timestamp", "pose", "position", "orientation", "translation", "rotation"), ("an object", dict)),
+    **dict.fromkeys(("fields", "transforms", "D", "K", "R", "P"), ("a list", list)),
+    **dict.fromkeys(("data", "format", "encoding", "distortion_model"), ("a text", str)),
+    **dict.fromkeys(("frame_id", "parent_frame_id", "child_frame_id"), ("a text", str)),
+    **dict.fromkeys((*"xyzw", "sec", "nsec", "width", "height", "step"), ("a number", (int, float, str))),
+}
+"""What a field's value is, in words and as Python has it; long numbers may be texts."""
+
 VARINT, LENGTH, FIXED_BYTES = 0, 2, {1: 8, 5: 4}
 MAX_VARINT_BYTES = 10
 
@@ -219,7 +228,7 @@ def _read_fields(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMIT
     if message.channel.encoding == "json":
         text = bytes(message.data)
         _check_items(sum(map(text.count, JSON_ITEMS)), message.topic, limits)
-        found = json.loads(text)
+        found = json.loads(text, object_hook=_set_values)
         if not isinstance(found, dict):
             raise MessageError(f"{message.topic}: expected a JSON object, found {type(found).__name__}")
         return found
@@ -230,6 +239,16 @@ def _read_fields(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMIT
     values = _count_values(data, message_class.DESCRIPTOR, limits.max_message_items)
     _check_items(values, message.topic, limits)
     return _set_fields(message_class.FromString(data))
+
+
+def _set_values(fields: Fields) -> Fields:
+    """The fields of a JSON object but for nulls, which are unset; raises `MessageError` for a value of another kind."""
+    found = {name: value for name, value in fields.items() if value is not None}
+    for name, value in found.items():
+        words, kind = JSON_KINDS.get(name, ("", object))
+        if not isinstance(value, kind):
+            raise MessageError(f"{name}: expected {words}, found {str(value)[:50]}")
+    return found
 
 
 def _check_items(items: int, topic: str, limits: RecordingLimits) -> None:
@@ -277,7 +296,10 @@ def _varint(data: memoryview, at: int) -> tuple[int, int]:
 
 def _payload(value: bytes | str) -> bytes:
     """A field of bytes; in JSON it is base64."""
-    return base64.b64decode(value, validate=True) if isinstance(value, str) else value
+    try:
+        return base64.b64decode(value, validate=True) if isinstance(value, str) else value
+    except ValueError as err:
+        raise MessageError(f"{len(value)} characters of data: expected base64, found {value[:50]!r} ({err})") from err
 
 
 def _time_ns(value: Fields) -> int:

@@ -22,13 +22,17 @@ from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.messages.image import decode_any_image
 from lidcam.readers.messages.point_time import TIME_FIELDS
 from lidcam.readers.messages.pointcloud2 import INTENSITY_FIELDS, RING_FIELDS
-from lidcam.readers.messages.registry import decode_as, types_of
+from lidcam.readers.messages.registry import types_of
 from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.natural_order import natural_key
+from lidcam.readers.ouster.packets import SWEEP
 from lidcam.readers.recording import Recording, TopicInfo
 from lidcam.readers.rig.first_messages import FirstMessages
+from lidcam.readers.velodyne.scan import SCAN
 
 CLOUD, IMAGE = types_of("cloud"), types_of("image")
+PACKETS = frozenset({SCAN, SWEEP})
+"""Types of sweeps of a lidar's packets."""
 
 WORLD_FRAMES = frozenset({"camera_init", "earth", "enu", "global", "local", "map", "odom", "utm", "world"})
 """Frames that vehicles move in (REP 105, and mapping programs), by their names or the first words of these."""
@@ -63,11 +67,17 @@ MIN_SAME, MIN_NEAR = 0.9, 0.8
 MIN_WIDER, MAX_THINNED = 1.4, 0.5
 """Smallest ratio of spreads, and largest of points, of a cloud that was thinned out: points near a lidar are dense."""
 
-RUN, MIN_SAMPLED_RUNS = 16, 50
+LEAVES_M = 0.05, 0.1, 0.15
+"""Cells of which filters keep one point each (VoxelGrid); larger ones thin a cloud out."""
+
+MAX_IN_ONE, MIN_IN_ONE = 0.01, 0.2
+"""Largest share of points that share a cell with others after such a filter, and the smallest before it."""
+
+RUN, MIN_SAMPLED_RUNS = 8, 50
 """Length of the runs of intensities by which copied points are recognised, and the fewest that say something."""
 
-RUN_KEY = np.array([0x9E3779B97F4A7C15 * (2 * place + 1) & 0xFFFFFFFFFFFFFFFF for place in range(RUN)], np.uint64)
-"""(RUN,) factors that make one number of a run."""
+RUN_KEY = np.random.default_rng(0).integers(2**64, size=RUN, dtype=np.uint64)
+"""(RUN,) factors that make one number of a run; regular ones give different runs of few values the same number."""
 
 MIN_RUNS, MIN_RUNS_RATIO = 0.2, 2.0
 """Smallest share of runs that copied points keep, and its smallest ratio to that which another sweep has by chance."""
@@ -246,18 +256,18 @@ def cloud_sources(
     infos: Sequence[TopicInfo],
     first: FirstMessages,
     transforms: RecordedTransforms,
-    limits: RecordingLimits,
 ) -> dict[str, str]:
     """The topic that each topic of clouds was made of; empty for the rawest of each lidar.
 
-    Rawest are clouds with times, rings and intensities of points, in a frame below that of others, at the full rate,
-    with the most points, received first.
+    Rawest are packets, then clouds with times, rings and intensities of points, in a frame below that of others, at the
+    full rate, with the most points, received first.
     """
+    packets = {info.topic for info in infos if info.msgtype in PACKETS}  # no node makes them
     topics, most = [info.topic for info in infos], max((info.message_count for info in infos), default=0)
     is_rare = {info.topic: info.message_count < most / 2 for info in infos}
 
     def decode(message: RawMessage) -> PointCloud:
-        cloud: PointCloud = decode_as("cloud", message, limits=limits)
+        cloud = first.cloud(message)
         return cloud.select((cloud.xyz != 0).any(1))  # beams without a return say nothing
 
     contents = Contents(recording, topics, CLOUD, first, decode)
@@ -268,9 +278,12 @@ def cloud_sources(
         is_above = any(_is_above(frames[topic], frame, transforms) for frame in frames.values())
         width, height = first.image_size(topic, CLOUD) or (0, 0)
         order = -width * height, contents.delay_ns(topic), natural_key(topic)
-        return lacks, is_above, is_rare[topic], *order
+        return topic not in packets, lacks, is_above, is_rare[topic], *order
 
     def is_made_of(pair: Pair) -> bool | None:
+        if pair.topic in packets:
+            return False
+
         def is_copied() -> bool:
             if pair.other_log_ns is None:
                 return False
@@ -280,8 +293,10 @@ def cloud_sources(
         made, cloud = contents.at(pair.topic, pair.log_ns), contents.at(pair.sensor, pair.sensor_log_ns)
         if min(len(made), len(cloud)) < RUN:
             return None
-        is_poor = not is_measured(pair.topic, first) and is_measured(pair.sensor, first)
-        return _is_cloud_of(made, cloud, transforms, is_poor=is_poor, is_copied=is_copied)
+        measured = is_measured(pair.topic, first), is_measured(pair.sensor, first)
+        if not transforms.are_joined(cloud.frame_id, made.frame_id):
+            return _is_unjoined_cloud_of(made, cloud, transforms, measured, is_copied=is_copied)
+        return _is_cloud_of(made, cloud, transforms, is_poor=measured == (False, True), is_copied=is_copied)
 
     return contents.sources(sorted(topics, key=rawness), is_made_of)
 
@@ -316,16 +331,50 @@ def _is_cloud_of(
 
     `is_poor`: it has neither times nor rings, the sensor has; `is_copied`: runs of its intensities are the sensor's.
     """
-    points, is_thinned = made.xyz, False
-    if made.frame_id and transforms.are_joined(cloud.frame_id, made.frame_id):
-        points = transforms.lookup(cloud.frame_id, made.frame_id).apply(made.xyz)
-        if max(_found(points, cloud.xyz, SAME_M), _found(cloud.xyz, points, SAME_M)) >= MIN_SAME:
-            return True
-        if made.frame_id != cloud.frame_id and not _is_above(made.frame_id, cloud.frame_id, transforms):
-            return False  # another lidar's
-        is_few = len(made) < MAX_THINNED * len(cloud) or not made.intensity.any()
-        is_thinned = (is_poor and is_few) or _spread_m(made.xyz) >= MIN_WIDER * _spread_m(cloud.xyz)
+    points = transforms.lookup(cloud.frame_id, made.frame_id).apply(made.xyz)
+    if _is_same(points, cloud.xyz):
+        return True
+    if made.frame_id != cloud.frame_id and not _is_above(made.frame_id, cloud.frame_id, transforms):
+        return False  # another lidar's
+    is_few = len(made) < MAX_THINNED * len(cloud) or not made.intensity.any()
+    is_thinned = (is_poor and is_few) or _spread_m(made.xyz) >= MIN_WIDER * _spread_m(cloud.xyz)
+    is_thinned = is_thinned or (len(made) < len(cloud) and _is_grid(made.xyz, cloud.xyz))
     return (is_thinned or is_copied()) and _found(points, cloud.xyz, NEAR_M) >= MIN_NEAR
+
+
+def _is_unjoined_cloud_of(
+    made: PointCloud,
+    cloud: PointCloud,
+    transforms: RecordedTransforms,
+    measured: tuple[bool, bool],
+    *,
+    is_copied: Callable[[], bool],
+) -> bool:
+    """The same of a cloud in a frame that no transform joins with the sensor's: it cannot be used in any case.
+
+    Points without times and rings were made of those of a sensor if they lie near these, as if the frames were one. In
+    a frame that tf lacks, equal stamps suffice where the sensor has them. `measured`: whether both topics have them.
+    """
+    is_unknown = made.frame_id not in transforms.fixed.frames and made.frame_id not in transforms.moving
+    if measured == (False, True) and is_unknown:
+        return True
+    is_near = not measured[0] and _found(made.xyz, cloud.xyz, NEAR_M) >= MIN_NEAR
+    return is_near or _is_same(made.xyz, cloud.xyz) or is_copied()
+
+
+def _is_same(points: F32, others: F32) -> bool:
+    """Whether nearly all points of one cloud are among those of another one."""
+    return max(_found(points, others, SAME_M), _found(others, points, SAME_M)) >= MIN_SAME
+
+
+def _is_grid(made: F32, points: F32) -> bool:
+    """Whether a filter left one point in each cell."""
+    return any(_in_one(made, leaf) <= MAX_IN_ONE and _in_one(points, leaf) >= MIN_IN_ONE for leaf in LEAVES_M)
+
+
+def _in_one(points: F32, cell_m: float) -> float:
+    """Share of points in cells that have one already."""
+    return 1 - len(np.unique(_keys(points, cell_m))) / len(points)
 
 
 def _spread_m(points: F32) -> float:
@@ -337,8 +386,9 @@ def _shared_runs(made: PointCloud, cloud: PointCloud) -> float:
     """Share of the runs of intensities of a cloud that another one has, too: where points were moved, but copied."""
     if min(len(made), len(cloud)) < RUN:
         return 0.0
-    by_ring = cloud.intensity[np.argsort(cloud.ring, kind="stable")]  # the order of images of ranges
-    runs, *of_cloud = (sliding_window_view(one, RUN) for one in (made.intensity, cloud.intensity, by_ring))
+    by_ring = cloud.intensity[np.argsort(cloud.ring, kind="stable")]  # the order of images of ranges, either way round
+    orders = made.intensity, cloud.intensity, by_ring, by_ring[::-1]
+    runs, *of_cloud = (sliding_window_view(one, RUN) for one in orders)
     sample = runs[:: max(len(runs) // SAMPLED, 1)]
     sample = sample[(np.diff(np.sort(sample, 1)) > 0).sum(1) >= RUN // 2]  # others are found anywhere
     if len(sample) < MIN_SAMPLED_RUNS:

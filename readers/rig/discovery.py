@@ -75,7 +75,7 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
         else:
             sources[sensor.name] = source
     if not lidar_sensors and not found.detectors:
-        raise CalibrationError(_no_lidar(of_lidars.faults, found.site))
+        raise CalibrationError(_no_lidar(of_lidars.faults, found.site, can_decode=bool(found.named)))
     used = [lidar.topic for lidar in lidar_sensors.values()]
     apart = [lidar.topic for lidar in found.lidars if found.named.get(lidar.name) == "" and lidar.topic not in used]
     if apart and all(sources[name].extrinsics == OWN_SITE for name in lidar_sensors):
@@ -137,12 +137,14 @@ def _check_site_is_named(found: FoundSensors) -> None:
         )
 
 
-def _no_lidar(faults: Sequence[SensorFault], site: str) -> str:
+def _no_lidar(faults: Sequence[SensorFault], site: str, *, can_decode: bool = True) -> str:
     reasons = "; ".join(f"{fault.sensor} ({fault.topic}): {fault.reason}" for fault in faults)
     if all("pip install" in fault.reason for fault in faults):
         return f"no lidar is usable on this machine: {reasons}"
     if not site:  # none of them was recorded, so poses would not help
         return f"no lidar is usable in this recording: {reasons}; correct topics.lidars, or the lidars of the rig file"
+    if not can_decode:
+        return f"no lidar is usable in this recording: {reasons}"
     return (
         f"no lidar is usable in site frame {site!r}: {reasons}; give the lidars' poses in a rig file (--rig), "
         "or another site frame (--set rig.site_frame=FRAME)"

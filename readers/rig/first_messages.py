@@ -4,6 +4,7 @@ from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits, VelodyneConfig
@@ -14,6 +15,7 @@ from lidcam.readers.messages.image import COMPRESSED_IMAGE
 from lidcam.readers.messages.image_header import image_size
 from lidcam.readers.messages.livox import CUSTOM, parse_livox
 from lidcam.readers.messages.pointcloud import POINT_CLOUD, read_pointcloud
+from lidcam.readers.messages.registry import decode_as
 from lidcam.readers.messages.tf import clean_frame
 from lidcam.readers.ouster.decoder import decode_ouster
 from lidcam.readers.ouster.packets import SWEEP
@@ -87,6 +89,13 @@ class FirstMessages:
             return size
         return found.size_px
 
+    def cloud(self, message: RawMessage) -> PointCloud:
+        """The points of a message, also of packets; raises `MessageError` if it cannot be decoded."""
+        if message.channel.msgtype == SCAN:
+            return self._velodyne[message.topic](message)
+        cloud: PointCloud = decode_as("cloud", message, limits=self._limits)
+        return cloud
+
     def _first(self, topic: str, msgtypes: Collection[str]) -> _First | MessageError:
         key = (topic, min(msgtypes))
         if key not in self._found:
@@ -113,7 +122,8 @@ class FirstMessages:
                 fault = fault or err
             if tried == MAX_TRIES:
                 break
-        return MessageError(f"{topic}: none of its first {tried} messages can be decoded: {fault or 'it has none'}")
+        reason = str(fault or "it has none").removeprefix(f"{topic}: ")
+        return MessageError(f"{topic}: none of its first {tried} messages can be decoded: {reason}")
 
 
 @decoder

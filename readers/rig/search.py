@@ -91,7 +91,7 @@ def find_sensors(
     transforms, of_rig = _with_rig(recorded, rig_file)
     of_lidars, of_cameras, of_detectors = Findings(), Findings(), Findings()
     detectors = find_detector_topics(recording, config, first, of_detectors)
-    lidar_topics = find_lidar_topics(recording, config.topics, first, of_lidars, transforms, limits=config.limits)
+    lidar_topics = find_lidar_topics(recording, config.topics, first, of_lidars, transforms)
     lidars = assign_lidars(rig_file.lidars, lidar_topics, recording, of_lidars)
     if not lidars and not detectors and rig_file.lidars == {}:
         raise CalibrationError("the rig file says `lidars: {}`, no lidar: name one, or leave `lidars` out to use all")
@@ -230,7 +230,7 @@ def _no_clouds(recording: Recording, config: Config, of_detectors: Findings) -> 
             f"{expected}; found 3D boxes: {_listed(boxes)}; --set detect3d.method=recorded goes by the boxes of "
             "a detector"
         )
-    if lines := undecoded(recording.topics):
+    if lines := undecoded(recording, recording.topics):
         return f"{expected}; found {'; '.join(lines[:MAX_LISTED])}"
     there = any(info.msgtype in CLOUD for info in recording.topics)
     remedy = "see topics.exclude and topics.lidars of the settings" if there else "record the clouds of the driver, too"

@@ -20,19 +20,15 @@ from lidcam.readers.messages.compressed_cloud import COMPRESSED_CLOUDS
 from lidcam.readers.messages.registry import types_of
 from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.natural_order import natural_key
-from lidcam.readers.ouster.packets import SWEEP
 from lidcam.readers.recording import Recording, TopicInfo
-from lidcam.readers.rig.derived import cloud_sources, image_sources, is_computed, is_measured, is_world_frame
+from lidcam.readers.rig.derived import PACKETS, cloud_sources, image_sources, is_computed, is_measured, is_world_frame
 from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.rig.topic_names import is_measured_image, is_truth, pair_score, place, transport_free
 from lidcam.readers.rig.undecoded import undecoded
-from lidcam.readers.velodyne.scan import SCAN
 from lidcam.readers.video.packets import VIDEO
 
 CLOUD, IMAGE = types_of("cloud"), types_of("image")
 CAMERA_INFO, BOXES = types_of("camera info"), types_of("2D boxes")
-PACKETS = frozenset({SCAN, SWEEP})
-"""Types of sweeps of a lidar's packets."""
 
 MADE_OF_OTHERS = "/point_cloud_combined", "/ground_cloud"
 """Topics made of others, which are used only if no other topic of their kind was recorded."""
@@ -74,8 +70,8 @@ class Findings:
         return Findings([*self.faults], [*self.notes])
 
     def leave_out(self, sensor: str, topic: str, reason: object) -> None:
-        """Add a fault."""
-        self.faults.append(SensorFault(sensor, topic, str(reason)))
+        """Add a fault; its topic is not said twice."""
+        self.faults.append(SensorFault(sensor, topic, str(reason).removeprefix(f"{topic}: ")))
 
 
 class CameraTopics(NamedTuple):
@@ -102,8 +98,6 @@ def find_lidar_topics(
     first: FirstMessages,
     findings: Findings,
     transforms: RecordedTransforms | None = None,
-    *,
-    limits: RecordingLimits = DEFAULT_LIMITS,
 ) -> list[str]:
     """Topics of clouds, in natural order or as configured.
 
@@ -123,12 +117,13 @@ def find_lidar_topics(
         if info.gathered_from
     ]
     excluded = config.exclude
-    notes += undecoded(one for one in recording.topics if not any(fnmatchcase(one.topic, name) for name in excluded))
+    others = (one for one in recording.topics if not any(fnmatchcase(one.topic, name) for name in excluded))
+    notes += undecoded(recording, others)
     before = len(notes)
     chosen = _first_hand(measured, notes, _hand_of_cloud(measured, first, transforms))
     unreadable = [info for info in recorded if info.unreadable]
     chosen = _readable(_before_copies([*chosen, *unreadable], first, notes), "lidar", findings)
-    sources = cloud_sources(recording, chosen, first, transforms, limits)
+    sources = cloud_sources(recording, chosen, first, transforms)
     return _sensors(sources, "lidars", notes, was_choice=len(notes) > before)
 
 
@@ -215,10 +210,9 @@ def configured_topics(
     """Topics of the settings that the recording has; the others become faults."""
     there = readable_topics(recording, msgtypes)
     names = ", ".join(sorted(there, key=natural_key)) or "none"
-    wanted = " or ".join(sorted(msgtypes))
     for topic in topics:
         if topic not in there:
-            reason = f"the settings name it, but the recording has no such {wanted}; it has {names}"
+            reason = f"the settings name it, but the recording has no such topic of a {kind}; it has {names}"
             findings.leave_out(kind, topic, reason)
     return [topic for topic in dict.fromkeys(topics) if topic in there]
 

@@ -18,6 +18,8 @@ from lidcam.pipeline.core.messages import RawMessage
 
 START_NS = 1_700_000_000 * 10**9
 STEP_NS = 100_000_000
+MINUTE_NS = 60 * 10**9
+LATER = {"shift_ns": MINUTE_NS, "late_ns": MINUTE_NS}
 CAMERAS = [f"cam{number}" for number in range(1, 6)]
 LIDARS = ["front", "rear"]
 Taken = Callable[[str, int], bool]
@@ -103,9 +105,12 @@ def test_every_frame_is_there_and_what_it_lacks_is_told(lidcam: Lidcam, tmp_path
 
 
 def with_stamps(
-    messages: list[RawMessage], topic: str, shift_ns: int, *, begin_s: float | None = None
+    messages: list[RawMessage], topic: str, shift_ns: int, *, begin_s: float | None = None, late_ns: int = 0
 ) -> list[RawMessage]:
-    """Messages of a topic stamped otherwise: shifted, or beginning with stamp 0 and going on from some seconds on."""
+    """Messages of a topic stamped otherwise: shifted, or beginning with stamp 0 and going on from some seconds on.
+
+    They are recorded so much later.
+    """
     changed, last_ns = [], 0
     for one in messages:
         if one.topic == topic:
@@ -114,18 +119,22 @@ def with_stamps(
                 stamp_ns = round(begin_s * 1e9) + one.stamp_ns - START_NS if last_ns else 0
             data = bytes(one.data)  # stamp behind the sequence number
             stamp = struct.pack("<II", *divmod(stamp_ns, 10**9))
-            one, last_ns = one._replace(stamp_ns=stamp_ns, data=data[:4] + stamp + data[12:]), one.stamp_ns
+            last_ns, log_ns = one.stamp_ns, one.log_time_ns + late_ns
+            one = one._replace(stamp_ns=stamp_ns, log_time_ns=log_ns, data=data[:4] + stamp + data[12:])
         changed.append(one)
-    return changed
+    return sorted(changed, key=lambda one: one.log_time_ns)
 
 
 @pytest.mark.parametrize(
     ("steps", "change", "line"),
     [
         (3, {}, ""),
-        (3, {"topic": "/cam1/image_raw", "shift_ns": -60 * 10**9}, "cam1 is in none of the 3 frames"),
-        (30, {"topic": "/cam1/image_raw", "shift_ns": 60 * 10**9}, "cam1 is in none of the 30 frames"),
-        (2, {"topic": "/cam1/image_raw", "shift_ns": -60 * 10**9}, ""),  # by chance
+        (3, {"topic": "/cam1/image_raw", "shift_ns": -MINUTE_NS}, "cam1 is in none of the 3 frames"),
+        (30, {"topic": "/cam1/image_raw", "shift_ns": MINUTE_NS}, "cam1 is in none of the 30 frames"),
+        (2, {"topic": "/cam1/image_raw", "shift_ns": -MINUTE_NS}, ""),  # by chance
+        (3, {"topic": "/cam1/image_raw", **LATER}, "cam1 is in no frame with the others"),
+        (2, {"topic": "/cam1/image_raw", **LATER}, ""),  # by chance
+        (12, {"topic": "/rear/points", **LATER}, "rear is in no frame with the others"),
         (12, {"topic": "/front/points", "shift_ns": 0, "begin_s": 0.0}, "front is in none of the 12 frames"),
     ],
 )

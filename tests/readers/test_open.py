@@ -205,7 +205,7 @@ def assert_refused(paths: Sequence[Path], *parts: str) -> None:
         ("drive.bag.xz", lzma.compress(b"#ROSBAG V2.0\n"), "xz; unpack it with `unxz --keep`"),
         ("drive.zip", b"PK\3\4\x14\0", "a zip archive; unpack it"),
         ("out.rrd", b"RRF2\0\1\0\0", "a Rerun recording, which is for viewing"),
-        ("drive.osf", b"\x20\0\0\0\x10\0\0\0OSF#\0", "an Ouster recording (OSF); save it as a .pcap"),
+        ("drive.osf", b"\x34\0\0\0\x14\0\0\0OSF$\x0c", "an Ouster recording (OSF); save it as a .pcap"),
         ("old.bag", b"#ROSBAG V1.2\n" + b"\0" * 50, "format 1.2; convert it"),
         ("magic.bag", b"#ROSBAG V2.0\n", "damaged or was not closed"),
         ("magic.mcap", b"\x89MCAP0\r\n", "damaged or was not closed"),
@@ -224,7 +224,8 @@ def test_paths_without_a_recording(tmp_path: Path) -> None:
     assert_refused([tmp_path], "expected a ROS 2 bag folder", "found none")
     for folder, says in (("training/velodyne", "frames of KITTI"), ("2011_09_26/velodyne_points", "`kitti2mcap`")):
         (tmp_path / folder / "data").mkdir(parents=True)
-        assert_refused([tmp_path], "expected a ROS 2 bag folder", says)
+        for path in (tmp_path, tmp_path.parent, tmp_path / folder / "data"):
+            assert_refused([path], "expected a ROS 2 bag folder", says)
 
 
 def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:

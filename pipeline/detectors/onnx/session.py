@@ -27,6 +27,9 @@ MAX_CHANGED_BYTES = 1 << 29
 """Maximum size of a file whose input is made free, which is in memory three times meanwhile; the largest YOLOX has
 400 MB."""
 
+LFS_POINTER = b"version https://git-lfs"
+"""First bytes of what Git leaves in the place of a large file that was not fetched."""
+
 WEIGHTS_FOLDER = "session.model_external_initializers_file_folder_path"
 
 
@@ -104,7 +107,10 @@ class OnnxSession:
                     f"{path}: expected ONNX, found a PyTorch checkpoint; export it first: for Ultralytics, yolo "
                     f"export model={path.name} format=onnx"
                 ) from err
-            raise ModelError(f"{path}: expected an ONNX file that onnxruntime can load: {one_line(err)}") from err
+            with path.open("rb") as stream:
+                is_pointer = stream.read(len(LFS_POINTER)) == LFS_POINTER
+            found = "a Git LFS pointer in its place; fetch it with `git lfs pull`" if is_pointer else one_line(err)
+            raise ModelError(f"{path}: expected an ONNX file that onnxruntime can load: {found}") from err
         check_runs_on(self.provider, self._session.get_providers())
         self.inputs: list[Value] = [(value.name, value.shape, value.type) for value in self._session.get_inputs()]
         self.outputs: list[Value] = [(value.name, value.shape, value.type) for value in self._session.get_outputs()]

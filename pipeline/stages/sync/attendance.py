@@ -1,7 +1,7 @@
-"""Counts of frames without a message of a topic, and the spans of time in which the topic was silent."""
+"""Counts of frames without a message of a topic, its spans of silence, and which topics share frames."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import NamedTuple
 
 from lidcam.pipeline.core.frame import Missing
@@ -39,6 +39,14 @@ class Attendance:
         self._silences: dict[str, list[Silence]] = {}
         self._frames: Counter[str] = Counter()
         self._frame_ns = 0
+        self.groups: list[set[str]] = []  # Topics that share frames, with one another or by way of others
+
+    def meet(self, topics: Collection[str]) -> None:
+        """Record that a frame has messages of these topics."""
+        if not any(group.issuperset(topics) for group in self.groups):
+            joined = [group for group in self.groups if not group.isdisjoint(topics)]
+            others = [group for group in self.groups if group.isdisjoint(topics)]
+            self.groups = [*others, set(topics).union(*joined)]
 
     def hear(self, topic: str, log_time_ns: int | None) -> None:
         """Record a topic's last message in a part of the recording; None: there was none."""

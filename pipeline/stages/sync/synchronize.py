@@ -184,6 +184,8 @@ def _bundles(
         waiting.bytes -= sum(len(message.data) for message in messages.values())
         is_kept = stats.sets % every == 0  # of the others nothing is missed
         lacking = [topic for topic in topics if topic not in messages] if is_kept else []
+        if is_kept:
+            stats.attendance.meet(messages)
         bundle = SensorBundle(
             stats.sets,
             reference.stamp_ns,

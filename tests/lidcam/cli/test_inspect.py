@@ -13,6 +13,7 @@ from logging_state import kept_logging
 
 from lidcam.cli.inspect import inspect
 from lidcam.pipeline.core.errors import CheckError, IncompleteError
+from lidcam.readers.open import open_recording
 from lidcam.readers.rig.rig_file import load_rig
 
 STEP_NS = 100_000_000
@@ -50,6 +51,34 @@ def test_a_rig_to_start_from_is_no_failure(tmp_path: Path, capsys: pytest.Captur
     assert (failure, code) == ("", 3)
     assert incomplete.startswith("lidcam could not process it: ")
     assert "TODO" in rig.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (("detect2d.model=none.onnx",), "none.onnx: expected an ONNX file, found no such file"),
+        (("detect3d.model=none.onnx",), "none.onnx: expected an ONNX file, or a network that comes with"),
+        (("detect2d.method=recorded",), "expected recorded 2D boxes"),
+    ],
+)
+def test_networks_that_a_run_could_not_use_are_its_problem(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], settings: tuple[str, ...], words: str
+) -> None:
+    with pytest.raises(CheckError, match=f"lidcam could not process it: .*{words}"):
+        inspected(recording(tmp_path / "a.bag", "top"), *settings)
+    assert printed(capsys)[2] == 1
+
+
+def test_a_check_sees_messages_that_cannot_be_decoded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    good, bad = recording(tmp_path / "good.bag", "top"), tmp_path / "bad.bag"
+    with open_recording([good]) as opened:
+        messages = [one if one.log_time_ns % 10**9 == 0 else one._replace(data=b"") for one in opened.messages()]
+    write_rosbag1(bad, messages)
+    inspected(bad)
+    assert printed(capsys) == ("", [], 0)
+    with pytest.raises(IncompleteError, match="/top: 2 messages dropped: cannot be decoded"):
+        inspected(bad, check=True)
+    assert printed(capsys)[2] == 3
 
 
 def test_without_sensors_there_is_no_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

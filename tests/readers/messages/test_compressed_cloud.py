@@ -14,7 +14,7 @@ from memory_recording import MemoryRecording
 from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.core.clouds import PointCloud
-from lidcam.pipeline.core.errors import MessageError
+from lidcam.pipeline.core.errors import CalibrationError, MessageError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.recording import RecordingLimits
@@ -149,3 +149,13 @@ def test_a_compressed_copy_is_not_used() -> None:
         found = discover_rig(recording, Config())
     assert ([lidar.topic for lidar in found.rig.lidars], found.faults) == (["/points"], ())
     assert "/points/draco: compressed, the same clouds as /points, not used" in found.notes
+
+
+def test_a_recording_of_which_no_cloud_can_be_decoded_says_why_once() -> None:
+    with MemoryRecording([message("cloudini", DATA)]) as recording, pytest.raises(CalibrationError) as caught:
+        discover_rig(recording, Config())
+    assert str(caught.value) == (
+        "no lidar is usable in this recording: points_cloudini (/points/cloudini): none of its first 1 messages can be "
+        "decoded: a cloud compressed by 'cloudini', expected draco, zlib or zstd: play the recording through "
+        "point_cloud_transport's republish and record the PointCloud2"
+    )

@@ -189,10 +189,11 @@ def test_messages_that_contradict_themselves(encoding: Encoding, schema: str, fi
         (b"", "JSONDecodeError"),
         (b'{"format": "\xff"}', "UnicodeDecodeError"),
         (b"[1]", "expected a JSON object, found list"),
-        (b'{"data": 7}', "TypeError"),
-        (b'{"data": "%%%"}', "Error"),
-        (b'{"timestamp": 5}', "AttributeError"),
-        (b'{"format": ["png"]}', "Error"),
+        (b'{"data": 7}', r"json \(data: expected a text, found 7\)"),
+        (b'{"data": "%%%"}', "expected base64, found '%%%'"),
+        (b'{"timestamp": 5}', "timestamp: expected an object, found 5"),
+        (b'{"timestamp": {"sec": []}}', r"sec: expected a number, found \[\]"),
+        (b'{"format": ["png"]}', "format: expected a text, found \\['png'\\]"),
         (b"[" * 100_000, "limit_scale"),
     ],
 )
@@ -200,6 +201,12 @@ def test_json_of_something_else(data: bytes, says: str) -> None:
     message = foxglove_raw("/image", "foxglove.CompressedImage", {}, LOGGED, "json")._replace(data=data)
     with pytest.raises(MessageError, match=says):
         deserialize(to_ros(message))
+
+
+def test_a_null_is_an_unset_field() -> None:
+    message = foxglove_raw("/image", "foxglove.CompressedImage", {}, LOGGED, "json")
+    found = to_ros(message._replace(data=b'{"timestamp": null, "format": "png", "data": null}'))
+    assert (found.stamp_ns, deserialize(found).format) == (LOGGED, "png")
 
 
 def test_zeros_are_no_rotation() -> None:

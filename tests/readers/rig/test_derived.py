@@ -10,11 +10,14 @@ import pytest
 from builders import camera_info, image, pointcloud2, raw, tf_message, transform_stamped
 from memory_recording import MemoryRecording
 from rig_messages import static
+from velodyne import random_packets, scan
 
 from lidcam.pipeline.core.arrays import Array
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.recording import VelodyneConfig
 from lidcam.readers.rig.discovery import Discovery, discover_rig
+from lidcam.readers.velodyne.decoder import VelodyneDecoder
 
 START_NS, STEP_NS, SWEEPS = 1_700_000_000 * 10**9, 100_000_000, 12
 RAW = "/velodyne_points"
@@ -100,7 +103,7 @@ def fast_lio(one: Sweep) -> Iterable[RawMessage]:
 
 def lio_sam(one: Sweep) -> Iterable[RawMessage]:
     rounded = int(np.float64(one.stamp_ns / 1e9) * 1e9) - one.stamp_ns
-    by_ring = np.argsort(one.fields["ring"], kind="stable")
+    by_ring = np.lexsort((-one.fields["time"], one.fields["ring"]))  # imageProjection.cpp: columns run against the head
     kept = by_ring[np.hypot(*one.deskewed[by_ring, :2].T) > 3]
     own = {"intensity": one.fields["intensity"][kept]}
     yield cloud("/lio_sam/deskew/cloud_deskewed", one, one.deskewed[kept], "lidar_link", own, shift_ns=rounded)
@@ -124,12 +127,25 @@ def autoware(one: Sweep) -> Iterable[RawMessage]:
     yield cloud("/util/downsample/pointcloud", one, thinned(left, 1.5), "base_link", late_ms=90)
 
 
+def corrected(frame: str, up_m: float = 0) -> Made:
+    """A cloud without times, rings and intensities in a frame that tf does not have."""
+
+    def of_sweep(one: Sweep) -> Iterable[RawMessage]:
+        yield cloud("/deskewed", one, one.deskewed + np.array([0, 0, up_m], np.float32), frame)
+
+    return of_sweep
+
+
 def in_its_frame(one: Sweep) -> Iterable[RawMessage]:
     low = one.xyz[:, 2] < -1.5
     yield cloud("/a_filtered", one, one.xyz[::2], "velodyne")
     yield cloud("/ground", one, one.xyz[low], "velodyne")
     yield cloud("/obstacles", one, one.xyz[~low], "velodyne")
     yield cloud("/clusters", one, one.xyz[: 20 * (one.number % 3)], "velodyne")
+
+
+def in_a_grid(one: Sweep) -> Iterable[RawMessage]:
+    yield cloud("/downsampled", one, thinned(one.xyz, 0.1), "velodyne")
 
 
 def in_slam_origin(one: Sweep) -> Iterable[RawMessage]:
@@ -187,9 +203,14 @@ VELODYNE, LEFT, LINK = (
         (fast_lio, True, [], []),
         (lio_sam, True, [LINK], []),
         (lio_sam, True, [LINK, ("lidar_link", "velodyne", (0, 0, 0))], []),
+        (lio_sam, True, [], []),
+        (lio_sam, False, [], []),
+        (corrected("lidar_link"), False, [], []),
+        (corrected("base_link", 1.9), True, [], []),
         (autoware, True, [VELODYNE], []),
         (in_its_frame, True, [], []),
         (in_its_frame, False, [], []),
+        (in_a_grid, False, [], []),
         (in_slam_origin, True, [VELODYNE], []),
         (of_a_stereo_camera, True, [VELODYNE], []),
         (maps, True, [VELODYNE], []),
@@ -239,6 +260,26 @@ def test_a_lidar_whose_frame_carries_another_is_used() -> None:
     found = discover(recorded(lambda one: [*beside("trailer")(one), moved(one, "velodyne", "trailer")]))
     assert [lidar.topic for lidar in found.rig.lidars] == [RAW]
     assert [fault.topic for fault in found.faults] == ["/left/points"]
+
+
+@pytest.mark.parametrize("edges", [[], [camera_edge("velodyne", "cam")]])
+def test_a_second_lidar_in_a_frame_that_tf_lacks_is_a_fault(edges: list[RawMessage]) -> None:
+    found = discover([*recorded(beside("left"))[1:], *edges])
+    assert [fault.topic for fault in found.faults if fault.sensor != "camera"] == [RAW if not edges else "/left/points"]
+
+
+def test_a_cloud_made_of_packets_is_no_lidar() -> None:
+    payload, stamps_ns = random_packets("VLP-16", packets=76)
+    messages = list[RawMessage]()
+    for number in range(SWEEPS):
+        packets = scan(payload, stamps_ns + number * STEP_NS)
+        points = VelodyneDecoder(VelodyneConfig())(packets)
+        xyz, stamp_ns = points.xyz + 1, packets.stamp_ns
+        made = pointcloud2(xyz, stamp_ns=stamp_ns, frame_id="lidar_link", intensity=points.intensity)
+        messages += [packets, raw("/deskewed", "sensor_msgs/msg/PointCloud2", made, stamp_ns)]
+    found = discover(messages)
+    assert [lidar.topic for lidar in found.rig.lidars] == ["/velodyne_packets"]
+    assert found.faults == ()
 
 
 def test_without_the_sensor_the_clouds_that_were_made_of_it_are_used() -> None:

@@ -116,6 +116,25 @@ def test_what_is_not_decoded_is_named(msgtype: str) -> None:
     assert f"({msgtype.replace('/msg/', '/')}), which lidcam does not read; " in note
 
 
+@pytest.mark.parametrize(
+    ("msgtype", "packet", "words"),
+    [
+        ("hesai_ros_driver/msg/UdpFrame", "eeff0104 04", "packets of a Hesai Pandar128 or OT128 ("),
+        ("pandar_msgs/msg/PandarScan", "eeff0601", "packets of a Hesai PandarXT ("),
+        ("hesai_lidar/msg/PandarScan", "eeff4006", "packets of a Hesai Pandar64 ("),
+        ("hesai_lidar/msg/PandarScan", "ffee1234", "packets of a Hesai ("),
+        ("rslidar_msg/msg/rslidarScan", "55aa050a5aa550a0" + 22 * "00" + "03", "packets of a RoboSense RS-Bpearl ("),
+        ("rslidar_msg/msg/RslidarPacket", "55aa055a" + 27 * "00" + "06", "packets of a RoboSense RS-Helios ("),
+        ("rslidar_msg/msg/RslidarPacket", "55aa055a" + 27 * "00" + "99", "packets of a RoboSense ("),
+        ("nebula_msgs/msg/NebulaPackets", "eeff0403", "packets of a Hesai AT128, by Nebula ("),
+    ],
+)
+def test_the_packets_say_which_model_it_is(msgtype: str, packet: str, words: str) -> None:
+    data = bytes(40) + bytes.fromhex(packet) + bytes(2000)
+    found = discover([RawMessage(1, 1, (0, 0), data, Channel("/data", msgtype, "cdr", "", "ros2msg")), A])
+    assert f"/data: {words}{msgtype.replace('/msg/', '/')}), which" in "".join(found.notes)
+
+
 def packets(topic: str, frame: str = "", model: str = "VLP-16") -> RawMessage:
     return velodyne.scan(*velodyne.random_packets(model, packets=3), topic=topic, frame_id=frame)
 

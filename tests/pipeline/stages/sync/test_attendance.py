@@ -20,6 +20,15 @@ def test_frames_are_counted_by_span() -> None:
     assert other == Absence("/b", 1, ())
 
 
+def test_topics_that_share_frames_are_one_group() -> None:
+    attendance = Attendance()
+    for topics in ("a", "b", "cd", "ab", "c", "de"):
+        attendance.meet(topics)
+    assert attendance.groups == [{"a", "b"}, {"c", "d", "e"}]
+    attendance.meet("xbe")
+    assert attendance.groups == [{*"abcdex"}]
+
+
 def test_spans_are_bounded_and_no_frame_is_lost() -> None:
     attendance = Attendance()
     count = MAX_SILENCES + 20
