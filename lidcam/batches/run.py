@@ -1,8 +1,6 @@
 """A batch from its arguments to its table: processes what is missing or changed, largest recordings first."""
 
 import logging
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
@@ -104,9 +102,6 @@ def _done(job: BatchJob, options: BatchOptions, store: Store, facts: Sequence[ob
         return replace(begun, state="failed", exit_code=1, message=visible(line))
 
 
-COMPILE = "import lidcam.processing"
-"""Run once, before many processes begin, in a process of its own, so that this one stays small."""
-
 WatchBatch = Callable[[Sequence[BatchJob]], AbstractContextManager[Callable[[JobRecord], None]]]
 """Gets the recordings, and yields a function that is called with the record of each that has ended."""
 
@@ -150,7 +145,6 @@ def process_batch(
     job = make_job((), overwrite=overwrite, **options)  # settings, rig and network are checked once
     endings = [endings_of(option)[0] for option in outputs]
     store = Store(out)
-    subprocess.run([sys.executable, "-c", COMPILE], check=False)
     runs = RayEngine(jobs if address else at_once, cores, address) if engine == "ray" else LocalEngine(at_once)
     with watch(found) as told:
         records = run_batch(found, BatchOptions(out, job, endings), runs, told)
