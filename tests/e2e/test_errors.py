@@ -163,7 +163,7 @@ BLIND = ("--set", "output.images=false")
         (("batch", "a.bag", "--out", "x", "--jobs", "0"), 2, "--jobs"),
         (("batch", "a.bag", "--out", "x", "--address", "head:6379"), 2, "--engine ray"),
         (("export", "crossing.mcap", "--out", "x"), 2, "Choose from: kitti, kitti-tracking, nuscenes"),
-        (("view", "a.bag"), 1, "which ends in .rrd, .html or .mcap; to process a recording: lidcam a.bag"),
+        (("view", "a.bag"), 1, "which ends in .rrd, .html, .mp4 or .mcap; to process a recording: lidcam a.bag"),
         (("process", "."), 2, "holds 2 recordings; process all of them: lidcam batch "),
         (("result.rrd",), 2, "result.rrd is a result of lidcam: `lidcam view result.rrd` opens it"),
         (("drive.bagg",), 1, "drive.bagg: no such file or folder; expected a ROS 1 .bag"),

@@ -1,9 +1,8 @@
 """Printing of a run: a dozen lines on who moved and who stood, and all tables behind `--verbose`."""
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple
-from pathlib import Path
 
 from rich.console import Console
 
@@ -59,7 +58,7 @@ def print_summary(out: Console, summary: RunSummary, units: Units = "km/h") -> N
     for line in _first([f"warning: {warning}" for warning in summary.warnings], "more warnings, with -v"):
         show_line(out, line, "yellow")
     if files := (*summary.outputs, *summary.sent):
-        show_line(out, f"wrote {', '.join(map(str, files))}")
+        show_line(out, f"wrote {_named(files)}")
     if look := _look(summary):
         show_line(out, f"to look at it: {look}", "bold")
 
@@ -129,7 +128,7 @@ def _missing(summary: RunSummary) -> Iterator[str]:
     yield from _first(lines, "more reasons, with -v")
     if missing := summary.sensors.missing:
         names = [f"{one.sensor} in {one.frames}" for one in missing]
-        yield f"missing from {_plural(summary.frames.count, 'frame')}: {listed(names)}; -v says when"
+        yield f"missing: {listed(names)} of {_plural(summary.frames.count, 'frame')}; -v says when"
 
 
 def _first(lines: list[str], more: str) -> list[str]:
@@ -138,16 +137,21 @@ def _first(lines: list[str], more: str) -> list[str]:
     return lines if left <= 0 else [*lines[: MAX_LINES - 1], f"and {left} {more}", lines[-1]]
 
 
+def _named(files: Sequence[object]) -> str:
+    """Files in a line: those that have the name of the first but for its ending, by their endings."""
+    first, *others = map(str, files)
+    stem = first.rpartition(".")[0]
+    return ", ".join([first, *(name.removeprefix(stem) if name.startswith(f"{stem}.") else name for name in others)])
+
+
 def _look(summary: RunSummary) -> str:
     """The command that opens the outputs; empty where none can be opened."""
     found = {path.suffix: path for path in summary.outputs}
-    opened = [f"lidcam view {shlex.quote(str(found[ending]))}" for ending in (".rrd", ".html") if ending in found]
-    if ".mp4" in found:
-        opened.append(f"play {found['.mp4']}")
-    if ".mcap" in found:
-        layout = f", layout {found['.json'].name}" if found.get(".json", Path()).name.endswith(".foxglove.json") else ""
-        opened.append(f"open {found['.mcap'].name} in Foxglove{layout}")
-    return "; ".join(opened)
+    shown = [found[ending] for ending in (".rrd", ".html", ".mcap", ".mp4") if ending in found]
+    if not shown:
+        return ""
+    first, _, others = _named(shown).partition(", ")
+    return f"lidcam view {shlex.quote(first)}{f' (or {others})' if others else ''}"
 
 
 def _plural(count: int, noun: str) -> str:

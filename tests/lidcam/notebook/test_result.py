@@ -59,7 +59,7 @@ def test_what_is_no_result_or_lacks_something(run: lidcam.RunResult, monkeypatch
 def test_the_tables_of_the_console_in_a_notebook(run: lidcam.RunResult) -> None:
     page = run._repr_html_()
     assert page.startswith("<pre style=")
-    for words in ("road users", "pedestrian", f"missing from {run.frames} frames", f"{run.frames} frames in"):
+    for words in ("road users", "pedestrian", f"of {run.frames} frames; -v", f"{run.frames} frames in"):
         assert words in page
     assert "verdict" not in page
     found = lidcam.inspect(CROSSING)
