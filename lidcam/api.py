@@ -357,7 +357,7 @@ def compare(
 
     Args:
         first: The .mcap file that a run wrote, A.
-        second: Another one, of the same recording or scene, B.
+        second: Another result of the same recording or scene, B.
         only: Sources (fused, lidar, cameras) and cameras to compare. Default: all.
         allow: Kinds of difference to allow, by any amount: lost, new, moved, turned, resized, relabelled, rescored,
             reidentified (objects) or frames (of one result alone).

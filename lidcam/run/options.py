@@ -52,7 +52,7 @@ class SharedOptions(TypedDict, total=False):
         model_2d: 2D network: an ONNX file, or a name that `lidcam fetch` knows; none: without. Default: auto, a fetched
             network if the recording has images without 2D boxes.
         model_3d: 3D network: an ONNX file, traffic (the default for full-size road users) or sandbox.
-        device: Device that runs 2D and 3D networks; auto: cuda where it can be used. Results of cuda differ in the last
+        device: Device that runs 2D and 3D networks; auto: cuda where it can be used. CUDA results differ in the last
             digits. Default: cpu, or the settings detect2d.provider and detect3d.provider.
         start_s: Skip the first S seconds.
         duration_s: Process S seconds. Default: to the end.
