@@ -86,8 +86,7 @@ def _subject(tree: Tree, evaluation: Evaluation) -> str:
     source = str(evaluation.truth).replace(f" of {result} ", " ")
     return (
         f"{result}: {tree['frames_with_truth']} of {frames} frames have ground truth, from "
-        f"{source}; {counts['evaluated']} objects evaluated"
-        + (f", ignored: {', '.join(ignored)}" if ignored else "")
+        f"{source}; {counts['evaluated']} objects evaluated" + (f", ignored: {', '.join(ignored)}" if ignored else "")
     )
 
 

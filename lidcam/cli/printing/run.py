@@ -36,6 +36,9 @@ MAX_ZONES = 3
 MAX_LINES = 3
 """Maximum number of warnings, and of topics with drops, that the short summary prints."""
 
+MAX_NAMED = 2
+"""Maximum number of topics that it names as missing from the same number of frames; more are counted."""
+
 GEOMETRY = {"lidar": "lidar only", "camera": "camera only", "both": "both", "predicted": "predicted by tracks"}
 
 
@@ -47,8 +50,11 @@ def print_summary(out: Console, summary: RunSummary, units: Units = "km/h") -> N
     rate = (
         f" in {timing.wall_seconds:.1f} s, {timing.frames_per_second:.1f} per second" if timing.wall_seconds > 0 else ""
     )
-    show_line(out, f"{_plural(frames.count, 'frame')}{rate}", "bold")
-    show_line(out, _setup(summary))
+    devices = [(len(sensors.rig.lidars), "lidar"), (len(sensors.rig.cameras), "camera")]
+    parts = [f"{_plural(frames.count, 'frame')}{rate}", ", ".join(_plural(*one) for one in devices if one[0])]
+    show_line(out, "; ".join([*parts, f"settings: {summary.settings.name}"]), "bold")
+    words_3d, words_2d = ENGINES[sensors.box_source_3d].words, sensors.box_words[0].partition(";")[0]
+    show_line(out, f"3D boxes: {words_3d}; 2D boxes: {words_2d}")
     _print_road_users(out, summary, units)
     for line in (_found(summary), _corrected(sensors.corrections), *_missing(summary)):
         if line:
@@ -61,18 +67,6 @@ def print_summary(out: Console, summary: RunSummary, units: Units = "km/h") -> N
         show_line(out, f"wrote {_named(files)}")
     if look := _look(summary):
         show_line(out, f"to look at it: {look}", "bold")
-
-
-def _setup(summary: RunSummary) -> str:
-    """The sensors, the settings, and the sources of boxes."""
-    rig, sensors = summary.sensors.rig, summary.sensors
-    parts = [
-        _plural(count, name) for name, count in (("lidar", len(rig.lidars)), ("camera", len(rig.cameras))) if count
-    ]
-    return (
-        f"{', '.join(parts)}; settings: {summary.settings.name}; 3D boxes: {ENGINES[sensors.box_source_3d].words}; "
-        f"2D boxes: {sensors.box_words[0].partition(';')[0]}"
-    )
 
 
 def _print_road_users(out: Console, summary: RunSummary, units: Units) -> None:
@@ -127,8 +121,11 @@ def _missing(summary: RunSummary) -> Iterator[str]:
         lines.append(f"dropped: {_plural(count, 'message')} of {where}: {reason}")
     yield from _first(lines, "more reasons, with -v")
     if missing := summary.sensors.missing:
-        names = [f"{one.sensor} in {one.frames}" for one in missing]
-        yield f"missing: {listed(names)} of {_plural(summary.frames.count, 'frame')}; -v says when"
+        parts = []
+        for count in sorted({one.frames for one in missing}):
+            names = [one.sensor for one in missing if one.frames == count]
+            parts.append(f"{' and '.join(names) if len(names) <= MAX_NAMED else f'{len(names)} topics'} in {count}")
+        yield f"missing: {listed(parts)} of {_plural(summary.frames.count, 'frame')}; -v says when"
 
 
 def _first(lines: list[str], more: str) -> list[str]:

@@ -84,6 +84,12 @@ def test_what_was_dropped_and_what_is_missing() -> None:
     assert "dropped: 3 messages of /image: no partner within 0.05 s\n" in text
     assert "/points" not in text, "parts of messages that were used"
     assert f"missing: cam in 2 of {summary.frames.count} frames; -v says when" in text
+    some = tuple(
+        MissingSensor(f"{name}cam", "/image", count, 4, ())
+        for name, count in zip("abcde", (2, 1, 2, 2, 1), strict=True)
+    )
+    line = printed(changed(summary, sensors={"missing": some}), details=False).splitlines()[-1]
+    assert line.startswith("missing: bcam and ecam in 1, 3 topics in 2 of ")
     both = changed(summary, drops={"messages": (DROP, replace(DROP, topic="/other"))})
     assert "dropped: 6 messages of 2 topics: no partner within 0.05 s\n" in printed(both, details=False)
 
