@@ -152,7 +152,7 @@ BLIND = ("--set", "output.images=false")
         (("process", "a.bag", "o.mcap", "--on-bad-message", "x"), 2, "expected one of 'skip', 'fail', found 'x'"),
         (("process", "a.bag", "o.mcap", "--workers", "0"), 2, "'--workers': expected at least 1"),
         (("process", "a.bag", "o.mcap", "--every", "x"), 2, "'--every': expected a whole number"),
-        (("process", "a.bag", "o.mcap", "--model-2d", "yolov8n.pt"), 1, "expected an ONNX file, found no such file"),
+        (("process", "a.bag", "o.mcap", "--model-2d", "yolov8n.pt"), 1, "yolo export model=yolov8n.pt format=onnx"),
         (("process", "a.bag", "o.mcap", "--foxglove", "http"), 1, "foxglove: expected PORT or HOST:PORT, found 'http'"),
         (("process", "a.bag", "o.mcap", "--pace", "0"), 1, "pace: expected more than 0, found 0.0"),
         (("process", "a.bag", "o.mcap", "--set", "detect3d.method=callable"), 1, "if detector is given, and only then"),

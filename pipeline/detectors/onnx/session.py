@@ -53,6 +53,11 @@ class OnnxSession:
         """
         if not str(path).isascii() and os.fsencode(path).decode(errors="ignore") != str(path):
             raise ModelError(f"{path}: expected a path in UTF-8, as onnxruntime needs it; rename it")
+        if path.suffix in {".pt", ".pth"}:
+            raise ModelError(
+                f"{path}: expected ONNX, found a PyTorch checkpoint; export it first: for Ultralytics, yolo export "
+                f"model={path.name} format=onnx"
+            )
         try:
             if not path.is_file():
                 found = "a folder" if path.is_dir() else "; ".join(filter(None, ("no such file", remedy)))
@@ -99,11 +104,6 @@ class OnnxSession:
         except Exception as err:  # onnxruntime's errors have no base of their own
             if is_short_memory(err):
                 raise
-            if path.suffix in {".pt", ".pth"}:
-                raise ModelError(
-                    f"{path}: expected ONNX, found a PyTorch checkpoint; export it first: for Ultralytics, yolo "
-                    f"export model={path.name} format=onnx"
-                ) from err
             raise ModelError(f"{path}: expected an ONNX file that onnxruntime can load: {one_line(err)}") from err
         check_runs_on(self.provider, self._session.get_providers())
         self.inputs: list[Value] = [(value.name, value.shape, value.type) for value in self._session.get_inputs()]
