@@ -23,7 +23,7 @@ from lidcam.pipeline.parallel.cores import usable_cores
 from lidcam.readers.location import Location
 from lidcam.run.effect import settings_sha256
 from lidcam.run.job import Job, make_job
-from lidcam.run.options import SharedOptions
+from lidcam.run.options import SharedOptions, check_options
 
 logger = logging.getLogger(__name__)
 
@@ -130,8 +130,7 @@ def process_batch(
     Raises:
         LidcamError: the settings, the rig or an output is at fault, or there are no recordings.
     """
-    if unknown := options.keys() - SharedOptions.__annotations__.keys():
-        raise TypeError(f"expected options of lidcam.batch, got {', '.join(unknown)}")
+    check_options(options, SharedOptions, "lidcam.batch")
     if engine not in {"local", "ray"}:
         raise ConfigError(f"engine: expected local or ray, found {engine!r}")
     if jobs is not None and jobs < 1:
