@@ -21,7 +21,14 @@ from lidcam.networks.known import NETWORKS, NetworkName, network_path
 from lidcam.notebook.counting import LineCount
 from lidcam.notebook.decoded import decode_clouds, decode_images
 from lidcam.notebook.loaded import load_result
-from lidcam.notebook.result import ObjectCollector, RunResult, ShownBatch, ShownInspection
+from lidcam.notebook.result import (
+    ObjectCollector,
+    RunResult,
+    ShownBatch,
+    ShownComparison,
+    ShownEvaluation,
+    ShownInspection,
+)
 from lidcam.notebook.site_map import SiteMap, read_site_map
 from lidcam.outputs.export.export import Exported, export_results
 from lidcam.outputs.export.frames import ExportOptions
@@ -333,16 +340,10 @@ def evaluate(
         RequirementError: a requirement cannot be parsed, or names an unknown figure.
         LidcamError: the result, the truth, the rig or the settings are at fault.
     """
-    return evaluate_result(
-        make_evaluation_job(
-            result,
-            truth=truth,
-            truth_topic=truth_topic,
-            requirements=requirements,
-            rig=rig,
-            settings=settings,
-        )
+    job = make_evaluation_job(
+        result, truth=truth, truth_topic=truth_topic, requirements=requirements, rig=rig, settings=settings
     )
+    return ShownEvaluation.of(evaluate_result(job))
 
 
 def compare(
@@ -357,7 +358,7 @@ def compare(
 
     Args:
         first: The .mcap file that a run wrote, A.
-        second: Another one, of the same recording or scene, B.
+        second: Another result of the same recording or scene, B.
         only: Sources (fused, lidar, cameras) and cameras to compare. Default: all.
         allow: Kinds of difference to allow, by any amount: lost, new, moved, turned, resized, relabelled, rescored,
             reidentified (objects) or frames (of one result alone).
@@ -369,9 +370,10 @@ def compare(
     Raises:
         LidcamError: a result cannot be read, they are of two sites, or a name is at fault.
     """
-    return compare_results(
+    found = compare_results(
         Path(first), Path(second), only=only, allow=allow, max_different_percent=max_different_percent
     )
+    return ShownComparison.of(found)
 
 
 def export(

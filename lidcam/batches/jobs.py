@@ -171,12 +171,10 @@ def _split(paths: Iterable[L]) -> Iterator[list[L]]:
     """Groups the parts of split recordings: `drive_0.bag`, `drive_1.bag`, ... that follow one another in time."""
     parts: list[L] = []
     for path in paths:
-        if parts and _goes_on(parts[-1], path):
-            parts.append(path)
-            continue
-        if parts:
+        if parts and not _goes_on(parts[-1], path):
             yield parts
-        parts = [path]
+            parts = []
+        parts.append(path)
     if parts:
         yield parts
 

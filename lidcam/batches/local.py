@@ -4,6 +4,7 @@ import ctypes
 import os
 import pickle
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -18,18 +19,18 @@ from lidcam.batches.records import JobRecord
 from lidcam.pipeline.core.system import free_memory_mib
 from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES, usable_cores
 
-WORKER = ("-P", "-m", "lidcam.batches.worker")
-"""Arguments of Python for the process of a job, which takes no code from the folder that it runs in."""
+WORKER = ("-P", "-c", "from lidcam.batches.worker import serve; serve()")
+"""Arguments of Python for the process that jobs are copies of, which takes no code from the folder that it runs in."""
 
 TAIL_BYTES = 8192
 
 
 class LocalEngine(Engine):
-    """Runs each job as a process of its own.
+    """Runs each job as a process of its own, a copy of one that has imported what jobs need.
 
     Args:
         jobs: Jobs at once.
-        program: Arguments of Python for the process of a job.
+        program: Arguments of Python for the process that jobs are copies of; see `lidcam.batches.worker.serve`.
         is_bound: Whether processes end with the thread that started them (Linux). Otherwise a batch that is killed
             does not take its jobs along.
     """
@@ -38,48 +39,72 @@ class LocalEngine(Engine):
         super().__init__(jobs)
         self._program = program
         self._before = _ended_with_parent() if is_bound and sys.platform == "linux" else None
-        self._children: set[subprocess.Popen[bytes]] = set()
+        self._servers: list[_Server] = []
+        self._idle: list[_Server] = []
         self._lock, self._is_ending = Lock(), False
 
     def run(self, task: Task, *, keep_open: int | None) -> JobRecord:
         """Run it as a process."""
         started = time.monotonic()
-        is_parallel = task.job.config.run.workers != 1
         with TemporaryFile() as given, TemporaryFile() as result, TemporaryFile() as errors:
             pickle.dump(task, given)
             given.seek(0)
             with self._lock:
                 if self._is_ending:
                     return cancelled(task)
-                child = subprocess.Popen(
-                    [sys.executable, *self._program],
-                    stdin=given,
-                    stdout=result,
-                    stderr=errors,
-                    # Workers fill the cores; threads of libraries within each would wait for each other.
-                    env={**(dict.fromkeys(THREADS_OF_LIBRARIES, "1") if is_parallel else {}), **os.environ},
-                    pass_fds=() if keep_open is None else (keep_open,),
-                    preexec_fn=self._before,
-                )
-                self._children.add(child)
-            _, status, usage = os.wait4(child.pid, 0)
-            with self._lock:
-                child.returncode = os.waitstatus_to_exitcode(status)  # it is gone: nothing may wait for its number
-                self._children.discard(child)
+                if not self._idle:
+                    self._idle.append(_Server(self._program, task, errors, self._before))
+                    self._servers.append(self._idle[-1])
+                server = self._idle.pop()
+            files = [given.fileno(), result.fileno(), errors.fileno()]
+            code, processor_s, peak_kib = server.run(files if keep_open is None else [*files, keep_open])
+            if server.returncode is None:
+                self._idle.append(server)
             result.seek(0)
-            record = pickle.load(result) if child.returncode == 0 else None  # noqa: S301  # of our own process
+            record = pickle.load(result) if code == 0 else None  # noqa: S301  # of our own process
             return replace(
-                record or _crashed(task, child.returncode, errors),
-                processor_s=round(usage.ru_utime + usage.ru_stime, 2),
+                record or _crashed(task, code, errors),
+                processor_s=round(processor_s, 2),
                 wall_s=round(time.monotonic() - started, 2),
-                peak_mib=round(usage.ru_maxrss / 1024, 1),
+                peak_mib=round(peak_kib / 1024, 1),
             )
 
     def _end(self) -> None:
         with self._lock:
             self._is_ending = True
-            for child in self._children:
-                child.terminate()
+        for server in self._servers:
+            server.terminate()
+        for server in self._servers:
+            server.end()
+
+
+class _Server(subprocess.Popen[bytes]):
+    """A process that has imported what jobs need, and runs them one after another, each in a copy of itself."""
+
+    def __init__(
+        self, program: Sequence[str], task: Task, errors: BinaryIO, before: Callable[[], object] | None
+    ) -> None:
+        # Workers fill the cores; threads of libraries within each would wait for each other.
+        threads = dict.fromkeys(THREADS_OF_LIBRARIES, "1") if task.job.config.run.workers != 1 else {}
+        command, env = [sys.executable, *program], {**threads, **os.environ}
+        self.link, theirs = socket.socketpair()
+        with theirs:
+            super().__init__(command, stdin=theirs.fileno(), stderr=errors, env=env, preexec_fn=before)
+
+    def run(self, files: Sequence[int]) -> tuple[int, float, int]:
+        """Run a job that gets these descriptors; returns its exit code and usage, or the code that this ended with."""
+        try:
+            socket.send_fds(self.link, [b"\0"], files)
+            with self.link.makefile("rb") as answers:
+                status, *usage = pickle.load(answers)  # noqa: S301  # of our own process
+        except (EOFError, OSError):
+            return self.end(), 0.0, 0
+        return os.waitstatus_to_exitcode(status), *usage
+
+    def end(self) -> int:
+        """Let it end when it is idle, and return its exit code."""
+        self.link.close()
+        return self.wait()
 
 
 def _crashed(task: Task, code: int, errors: BinaryIO) -> JobRecord:

@@ -167,7 +167,9 @@ def _task() -> Callable[[tuple[str, ...], bytes, str, str], object]:
         os.chdir(folder)
         from lidcam.batches.local import LocalEngine
 
-        return LocalEngine(1, program, is_bound=True).run(pickle.loads(task), keep_open=None)  # noqa: S301  # from the batch
+        job = pickle.loads(task)  # noqa: S301  # from the batch
+        (record,) = LocalEngine(1, program, is_bound=True).outcomes([lambda engine: engine.run(job, keep_open=None)])
+        return record
 
     return processed
 

@@ -1,8 +1,6 @@
 """A batch from its arguments to its table: processes what is missing or changed, largest recordings first."""
 
 import logging
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
@@ -25,7 +23,7 @@ from lidcam.pipeline.parallel.cores import usable_cores
 from lidcam.readers.location import Location
 from lidcam.run.effect import settings_sha256
 from lidcam.run.job import Job, make_job
-from lidcam.run.options import SharedOptions
+from lidcam.run.options import SharedOptions, check_options
 
 logger = logging.getLogger(__name__)
 
@@ -104,9 +102,6 @@ def _done(job: BatchJob, options: BatchOptions, store: Store, facts: Sequence[ob
         return replace(begun, state="failed", exit_code=1, message=visible(line))
 
 
-COMPILE = "import lidcam.processing"
-"""Run once, before many processes begin, in a process of its own, so that this one stays small."""
-
 WatchBatch = Callable[[Sequence[BatchJob]], AbstractContextManager[Callable[[JobRecord], None]]]
 """Gets the recordings, and yields a function that is called with the record of each that has ended."""
 
@@ -135,8 +130,7 @@ def process_batch(
     Raises:
         LidcamError: the settings, the rig or an output is at fault, or there are no recordings.
     """
-    if unknown := options.keys() - SharedOptions.__annotations__.keys():
-        raise TypeError(f"expected options of lidcam.batch, got {', '.join(unknown)}")
+    check_options(options, SharedOptions, "lidcam.batch")
     if engine not in {"local", "ray"}:
         raise ConfigError(f"engine: expected local or ray, found {engine!r}")
     if jobs is not None and jobs < 1:
@@ -150,7 +144,6 @@ def process_batch(
     job = make_job((), overwrite=overwrite, **options)  # settings, rig and network are checked once
     endings = [endings_of(option)[0] for option in outputs]
     store = Store(out)
-    subprocess.run([sys.executable, "-c", COMPILE], check=False)
     runs = RayEngine(jobs if address else at_once, cores, address) if engine == "ray" else LocalEngine(at_once)
     with watch(found) as told:
         records = run_batch(found, BatchOptions(out, job, endings), runs, told)

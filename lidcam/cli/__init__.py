@@ -26,8 +26,8 @@ HELP_NAMES = {"help_option_names": ["-h", "--help"]}
 app = typer.Typer(
     cls=Program,
     context_settings=HELP_NAMES,
-    help="Recorded lidar and camera topics in, fused objects out. No ROS installed.\n\n"
-    "Shortest: `lidcam drive.bag` processes a recording into the folder drive.lidcam.",
+    help="Recorded lidar and camera topics in, fused objects out. ROS is not needed.\n\n"
+    "To begin: `lidcam drive.bag` processes a recording into the folder drive.lidcam.",
     subcommand_metavar="RECORDING | COMMAND [ARGS]...",
     no_args_is_help=True,
     rich_markup_mode=None,  # plain text: the same on a terminal, in a log and in a file
@@ -48,8 +48,8 @@ app.command(cls=GroupedCommand)(demo)
 app.command(cls=GroupedCommand, epilog=FETCH_EXAMPLES)(fetch)
 app.command(cls=GroupedCommand, epilog=SIMULATE_EXAMPLES)(simulate)
 app.command(cls=GroupedCommand, epilog=DRIVE_EXAMPLES)(drive)
-app.add_typer(train_app, name="train", help="Train networks of your own on simulated worlds.")
-app.add_typer(config_app, name="config", help="The presets, and what the settings mean.")
+app.add_typer(train_app, name="train", help="Train your own networks on simulated worlds.")
+app.add_typer(config_app, name="config", help="Show presets, and explain settings.")
 process_app.command(cls=GroupedCommand, epilog=PROCESS_EXAMPLES)(process)
 
 

@@ -12,9 +12,8 @@ from lidcam.evaluation.allowed import AllowedDifference
 
 # \b keeps the lines of a paragraph as they are.
 COMPARE_EXAMPLES = """\b
-Exit codes: 0 equal within the tolerances, or as far as is allowed; 1 they
-differ more, or cannot be compared; 2 wrong usage; 3 equal, but a file is
-damaged.
+Exit codes: 0 no more differences than allowed; 1 more, or the results cannot
+be compared; 2 wrong usage; 3 as 0, but a file is damaged.
 
 \b
 Examples:
@@ -26,8 +25,8 @@ Examples:
 
 @with_log_options
 def compare(
-    first: Annotated[Path, typer.Argument(metavar="A.mcap", help="A result of process.")],
-    second: Annotated[Path, typer.Argument(metavar="B.mcap", help="Another one, of the same recording or scene.")],
+    first: Annotated[Path, typer.Argument(metavar="A.mcap", help="What `lidcam process` wrote.")],
+    second: Annotated[Path, typer.Argument(metavar="B.mcap", help="Another result of the same recording or scene.")],
     only: Annotated[
         list[str] | None,
         typer.Option(
@@ -62,7 +61,7 @@ def compare(
 ) -> None:
     """Show what differs between two results, object by object.
 
-    Objects that are lost, new, moved, turned, resized, relabelled, rescored, or go on under another id; B against A.
+    Objects that are lost, new, moved, turned, resized, relabelled, rescored, or have another id; B against A.
     """
     from lidcam.cli.json_output import figures_document, json_output
     from lidcam.cli.printing.comparison import print_comparison

@@ -42,7 +42,7 @@ def export(
 
     kitti, nuscenes and cvat have 3D boxes, coco and yolo 2D boxes in the images as recorded. Labels are the ground
     truth if there is any, else what lidcam found: objects with the 2D box of the camera, or projected. All but yolo and
-    cvat also have what it found as scored detections.
+    cvat also contain what it found, as scored detections.
     """
     from lidcam.cli.printing.progress import show_progress
     from lidcam.outputs.export.export import export_results

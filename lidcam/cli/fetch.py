@@ -12,7 +12,7 @@ from lidcam.networks.known import NETWORKS, NetworkName
 FETCH_EXAMPLES = """\b
 Examples:
   lidcam fetch yolox-nano
-  lidcam-process drive.bag out.mcap
+  lidcam drive.bag
 """
 
 

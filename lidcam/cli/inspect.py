@@ -62,7 +62,7 @@ def inspect(
         bool,
         typer.Option(
             "--check",
-            help="Process it all to check poses and clocks; --write-rig writes them corrected.",
+            help="Process it all to check poses and clocks, which --write-rig corrects.",
             rich_help_panel=CHECKING,
         ),
     ] = False,

@@ -21,10 +21,10 @@ Examples:
 def view(
     result: Annotated[
         Path,
-        typer.Argument(metavar="RESULT", help="Result: .rrd, .html or .mcap, or the folder of these."),
+        typer.Argument(metavar="RESULT", help="Result: .rrd, .html, .mp4 or .mcap, or a folder of these."),
     ],
 ) -> None:
-    """Open a result: a .rrd in Rerun, a page in the browser.
+    """Open a result: a .rrd in Rerun, a page or a film in the browser.
 
     For an .mcap, prints how to open it in Foxglove.
     """
@@ -47,7 +47,7 @@ def view(
         command, environment = viewer_program(str(result))
         if code := subprocess.run(command, env=environment, check=False).returncode:
             raise OutputError(f"{result}: the Rerun viewer ended with {code}")
-    elif result.suffix == ".html":
+    elif result.suffix in {".html", ".mp4"}:
         if not webbrowser.open(result.resolve().as_uri()):
             raise OutputError(f"{result}: found no browser to open it with; copy this one file to a machine with one")
     elif result.suffix == ".mcap":
@@ -58,6 +58,6 @@ def view(
         show_line(console(), "Rerun opens it, too, but without the objects; use --rerun OUT.rrd for those.")
     else:
         raise OutputError(
-            f"{result}: expected a result of lidcam, which ends in .rrd, .html or .mcap; to process a recording: "
+            f"{result}: expected a result of lidcam, which ends in .rrd, .html, .mp4 or .mcap; to process a recording: "
             f"lidcam {result}"
         )

@@ -57,7 +57,7 @@ def compare_results(
 
     Args:
         first: A result.
-        second: Another one, of the same recording or scene.
+        second: Another result of the same recording or scene.
         only: Names of sources and cameras to compare; empty: all.
         allow: Kinds of differences that are allowed by any amount.
         max_different_percent: Share of objects, and of frames, that may differ.

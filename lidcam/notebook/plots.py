@@ -59,7 +59,7 @@ def plot_tracks(objects: Objects, site: SiteMap, rig: Rig, lines: Mapping[str, L
         axes.plot(*ends.T, color=INK, linewidth=2.5, solid_capstyle="butt", zorder=4)
         _name_line(axes, name, ends)
     if site.moves and not site.is_adrift:
-        axes.plot(*site.way.T, color=INK, linewidth=1.2, linestyle=":", label="the sensors' own way", zorder=1)
+        axes.plot(*site.way.T, color=INK, linewidth=1.2, linestyle=":", label="path of the sensors", zorder=1)
     for class_id in np.unique(objects.class_ids).tolist():
         _plot_class(axes, objects, places, class_id)
     axes.set_xlim(low[0], high[0])

@@ -6,6 +6,8 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 from lidcam.batches.records import BatchResult
+from lidcam.evaluation.compare import ComparedResults
+from lidcam.evaluation.evaluation import Evaluation
 from lidcam.inspection import Inspection
 from lidcam.notebook.counting import Line, LineCount, count_lines
 from lidcam.notebook.plots import installed, plot_counts, plot_speeds, plot_tracks
@@ -31,6 +33,11 @@ class Shown(ABC):
 
     __slots__ = ()
 
+    @classmethod
+    def of(cls, made: Any) -> Self:
+        """The same dataclass, shown."""
+        return cls(*(getattr(made, field.name) for field in fields(made)))
+
     @abstractmethod
     def print_on(self, out: "Console") -> None:
         """Print it on a console."""
@@ -51,11 +58,6 @@ class ShownInspection(Shown, Inspection):
 
     __slots__ = ()
 
-    @classmethod
-    def of(cls, found: Inspection) -> Self:
-        """The same inspection."""
-        return cls(*(getattr(found, field.name) for field in fields(found)))
-
     def print_on(self, out: "Console") -> None:
         """See `Shown`."""
         from lidcam.cli.printing.console import print_inspection
@@ -68,16 +70,35 @@ class ShownBatch(Shown, BatchResult):
 
     __slots__ = ()
 
-    @classmethod
-    def of(cls, done: BatchResult) -> Self:
-        """The same batch."""
-        return cls(done.records, done.table)
-
     def print_on(self, out: "Console") -> None:
         """See `Shown`."""
         from lidcam.cli.printing.batch import print_batch
 
         print_batch(out, self.records)
+
+
+class ShownEvaluation(Shown, Evaluation):
+    """An evaluation that `print` and a notebook show as `lidcam evaluate` does."""
+
+    __slots__ = ()
+
+    def print_on(self, out: "Console") -> None:
+        """See `Shown`."""
+        from lidcam.cli.printing.evaluation import print_evaluation
+
+        print_evaluation(out, self)
+
+
+class ShownComparison(Shown, ComparedResults):
+    """A comparison that `print` and a notebook show as `lidcam compare` does."""
+
+    __slots__ = ()
+
+    def print_on(self, out: "Console") -> None:
+        """See `Shown`."""
+        from lidcam.cli.printing.comparison import print_comparison
+
+        print_comparison(out, self.figures.tree, [file.path for file in self.inputs], lines=10)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -160,7 +160,7 @@ def boxes_2d_words(config: Config, rig: Rig) -> tuple[str, str]:
         return words.get(source, f"network {Path(model).name}"), ""
     lacks = _may_fetch(config, rig) and any(camera.topic for camera in rig.cameras)
     remedy = "recorded 2D boxes, or a 2D network (lidcam fetch, --model-2d FILE.onnx), enable the cameras"
-    return f"none: lidar-only; {remedy}", ADVICE if lacks else ""
+    return f"none (lidar-only); {remedy}", ADVICE if lacks else ""
 
 
 def _may_fetch(config: Config, rig: Rig) -> bool:

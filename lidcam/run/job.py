@@ -19,7 +19,7 @@ from lidcam.readers.rig.rig_file import load_rig
 from lidcam.readers.rig.schema import RigFile
 from lidcam.run.choice import SettingsChoice, choose_settings
 from lidcam.run.effect import named_files
-from lidcam.run.options import DEFAULTS, JobOptions, OnBadMessage, with_job_keywords
+from lidcam.run.options import DEFAULTS, JobOptions, OnBadMessage, check_options, with_job_keywords
 
 DEFAULT_SETTINGS = SettingsChoice(Config())
 
@@ -120,8 +120,7 @@ def make_job(
         CalibrationError: the rig file cannot be read or does not fit.
         OutputError: an output is not a local file.
     """
-    if unknown := options.keys() - JobOptions.__annotations__.keys():
-        raise TypeError(f"expected options of lidcam.process, got {', '.join(unknown)}")
+    check_options(options, JobOptions, "lidcam.process")
     outputs = locations([] if output is None else output)
     if remote := [path for path in outputs if isinstance(path, RemotePath)]:
         raise OutputError(f"{remote[0]}: expected the name of a local file as output")

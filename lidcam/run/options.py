@@ -2,7 +2,7 @@
 
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from textwrap import fill
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypedDict, TypeVar
 
@@ -52,7 +52,7 @@ class SharedOptions(TypedDict, total=False):
         model_2d: 2D network: an ONNX file, or a name that `lidcam fetch` knows; none: without. Default: auto, a fetched
             network if the recording has images without 2D boxes.
         model_3d: 3D network: an ONNX file, traffic (the default for full-size road users) or sandbox.
-        device: Device that runs 2D and 3D networks; auto: cuda where it can be used. Results of cuda differ in the last
+        device: Device that runs 2D and 3D networks; auto: cuda where it can be used. CUDA results differ in the last
             digits. Default: cpu, or the settings detect2d.provider and detect3d.provider.
         start_s: Skip the first S seconds.
         duration_s: Process S seconds. Default: to the end.
@@ -124,6 +124,20 @@ DEFAULTS: JobOptions = {
 
 CLI_OPTIONS = tuple(name for name, kind in JobOptions.__annotations__.items() if hasattr(kind, "__metadata__"))
 """Those that the command line has."""
+
+
+def check_options(given: Iterable[str], known: Any, function: str) -> None:
+    """Check that all options are of this typed dictionary.
+
+    Raises:
+        TypeError: one is not.
+    """
+    names = known.__annotations__
+    if unknown := [name for name in given if name not in names]:
+        from lidcam.pipeline.core.settings.validation import did_you_mean
+
+        hint = did_you_mean(unknown[0], [*names])
+        raise TypeError(f"expected options of {function}, got {', '.join(unknown)}{hint}")
 
 
 def with_job_keywords(*names: str) -> Callable[[F], F]:

@@ -29,6 +29,9 @@ SUMMARY = "summary.json"
 
 MAX_ATTACHMENT_BYTES = 1 << 20
 
+MAX_NAMED = 3
+"""Maximum number of results in a folder that an error names."""
+
 _MAGIC = b"\x89MCAP0\r\n"
 
 
@@ -50,7 +53,8 @@ def read_records(path: Path) -> AttachedRecords:
         if not path.exists():
             raise RecordingError(f"{path}: expected a result of lidcam, found no such file")
         if path.is_dir():
-            raise RecordingError(f"{path}: expected a result of lidcam, an .mcap file, found a folder")
+            files = ", ".join(str(file) for file in sorted(path.glob("*.mcap"))[:MAX_NAMED]) or "no .mcap file in it"
+            raise RecordingError(f"{path}: expected a result of lidcam, an .mcap file, found a folder: {files}")
         if not path.is_file():
             raise RecordingError(f"{path}: expected a result of lidcam, an .mcap file, found a FIFO or a device")
         with path.open("rb") as stream:

@@ -41,6 +41,7 @@ def test_a_batch_makes_what_single_runs_make_and_a_page(lidcam: Lidcam, logs: Pa
     assert 'href="day/a%20%26%20b.html"' in page
     assert 'href="day/a%20%26%20b.mcap"' in page
     assert page.count("data:image/jpeg;base64,") == 1
+    assert '<td colspan="5">failed<br>' in page
     (out / "index.html").write_text("somebody else's", encoding="utf-8")
     before = (out / "day" / "a & b.mcap").stat().st_mtime_ns
     again = lidcam(*given)

@@ -31,7 +31,7 @@ def test_a_folder_of_results(lidcam: Lidcam, folder: Path, command: tuple[str, .
         run = lidcam(*command, *PART, folder=folder)
         assert run.code == 0, run.err
         assert sorted(path.name for path in (folder / made).iterdir()) == NAMES
-    assert f"to look at it: lidcam view {made}/drive.rrd" in run.out
+    assert f"to look at it: lidcam view {made}/drive.rrd (or .html, .mcap)" in run.out
 
 
 def test_a_file_of_another_name(lidcam: Lidcam, folder: Path) -> None:

@@ -63,7 +63,7 @@ def test_settings_on_top_of_a_config() -> None:
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
-        ({"worker": 1}, TypeError, "worker"),
+        ({"worker": 1}, TypeError, "got worker: did you mean 'workers'"),
         ({"start_s": -1.0}, lidcam.ConfigError, "start_s: expected 0 s or more"),
         ({"duration_s": 0.0}, lidcam.ConfigError, "duration_s: expected more than 0 s"),
         ({"on_bad_message": "foo"}, lidcam.ConfigError, "expected skip or fail, found 'foo'"),

@@ -22,10 +22,10 @@ def sound_summary() -> RunSummary:
     return lidcam.process(recording, settings=[CLUSTERS], duration_s=0.3).summary
 
 
-def printed(summary: RunSummary, *, details: bool = True, units: Units = "km/h") -> str:
-    """All tables and remarks, or the short ones, without blanks at the ends of lines."""
+def printed(summary: RunSummary, *, details: bool = True, units: Units = "km/h", width: int = 0) -> str:
+    """All tables and remarks, or the short ones, without blanks at the ends of lines; on a terminal of this width."""
     with StringIO() as out:
-        console = Console(width=200, file=out)
+        console = Console(width=width or 200, file=out, force_terminal=bool(width), color_system=None)
         if details:
             print_details(console, summary)
         else:

@@ -4,7 +4,7 @@
   const figures = JSON.parse(document.getElementById("figures").textContent);
   const palette = JSON.parse(document.getElementById("palette").textContent);
   const isDark = matchMedia("(prefers-color-scheme: dark)");
-  const isTouched = matchMedia("(pointer: coarse)");
+  const isTouched = matchMedia("(pointer: coarse), (hover: none)");
   const shown = {};
 
   function coloured(node, colours) {

@@ -83,10 +83,10 @@ def _subject(tree: Tree, evaluation: Evaluation) -> str:
     counts = tree["truth_objects"]
     reasons = {"without_class": "of no class", "marked_as_ignored": "marked", "outside": "outside", "unseen": "unseen"}
     ignored = [f"{counts[name]} {words}" for name, words in reasons.items() if counts[name]]
+    source = str(evaluation.truth).replace(f" of {result} ", " ")
     return (
         f"{result}: {tree['frames_with_truth']} of {frames} frames have ground truth, from "
-        f"{evaluation.truth}; {counts['evaluated']} objects evaluated"
-        + (f", ignored: {', '.join(ignored)}" if ignored else "")
+        f"{source}; {counts['evaluated']} objects evaluated" + (f", ignored: {', '.join(ignored)}" if ignored else "")
     )
 
 
@@ -113,16 +113,16 @@ def _gain_headline(tree: Tree) -> str:
     gain = _gains(tree["fusion_gain"]).get(ALL, {})
     if gain.get("value") is None:
         return ""
-    value, over = gain["value"], f"{gain['over']} alone, seen from above"
+    value, over = gain["value"], f"{gain['over']} alone"
     if gain["low"] is None:
         verb = f"removes {-value:.2f} AP from" if value <= -0.005 else f"adds {max(value, 0.0):.2f} AP over"
-        return f"Fusion {verb} {over}; the recording is too short for a confidence interval."
+        return f"Fusion {verb} {over}; too short for a confidence interval."
     interval = f"{signed(gain['low'], 2)} to {signed(gain['high'], 2)}"
     if gain["low"] > 0:
         return f"Fusion adds {value:.2f} AP ({interval}) over {over}."
     if gain["takes_away"]:
         return f"Fusion removes {-value:.2f} AP ({interval}) from {over}."
-    return f"No significant change in AP from fusion: {signed(value, 2)} ({interval}) over {over}."
+    return f"Fusion gains {signed(value, 2)} AP ({interval}) over {over}: not significant."
 
 
 def truth_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:

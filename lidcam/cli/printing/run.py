@@ -1,9 +1,8 @@
 """Printing of a run: a dozen lines on who moved and who stood, and all tables behind `--verbose`."""
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple
-from pathlib import Path
 
 from rich.console import Console
 
@@ -37,6 +36,9 @@ MAX_ZONES = 3
 MAX_LINES = 3
 """Maximum number of warnings, and of topics with drops, that the short summary prints."""
 
+MAX_NAMED = 2
+"""Maximum number of topics that it names as missing from the same number of frames; more are counted."""
+
 GEOMETRY = {"lidar": "lidar only", "camera": "camera only", "both": "both", "predicted": "predicted by tracks"}
 
 
@@ -48,8 +50,11 @@ def print_summary(out: Console, summary: RunSummary, units: Units = "km/h") -> N
     rate = (
         f" in {timing.wall_seconds:.1f} s, {timing.frames_per_second:.1f} per second" if timing.wall_seconds > 0 else ""
     )
-    show_line(out, f"{_plural(frames.count, 'frame')}{rate}", "bold")
-    show_line(out, _setup(summary))
+    devices = [(len(sensors.rig.lidars), "lidar"), (len(sensors.rig.cameras), "camera")]
+    parts = [f"{_plural(frames.count, 'frame')}{rate}", ", ".join(_plural(*one) for one in devices if one[0])]
+    show_line(out, "; ".join([*parts, f"settings: {summary.settings.name}"]), "bold")
+    words_3d, words_2d = ENGINES[sensors.box_source_3d].words, sensors.box_words[0].partition(";")[0]
+    show_line(out, f"3D boxes: {words_3d}; 2D boxes: {words_2d}")
     _print_road_users(out, summary, units)
     for line in (_found(summary), _corrected(sensors.corrections), *_missing(summary)):
         if line:
@@ -59,21 +64,9 @@ def print_summary(out: Console, summary: RunSummary, units: Units = "km/h") -> N
     for line in _first([f"warning: {warning}" for warning in summary.warnings], "more warnings, with -v"):
         show_line(out, line, "yellow")
     if files := (*summary.outputs, *summary.sent):
-        show_line(out, f"wrote {', '.join(map(str, files))}")
+        show_line(out, f"wrote {_named(files)}")
     if look := _look(summary):
         show_line(out, f"to look at it: {look}", "bold")
-
-
-def _setup(summary: RunSummary) -> str:
-    """The sensors, the settings, and the sources of boxes."""
-    rig, sensors = summary.sensors.rig, summary.sensors
-    parts = [
-        _plural(count, name) for name, count in (("lidar", len(rig.lidars)), ("camera", len(rig.cameras))) if count
-    ]
-    return (
-        f"{', '.join(parts)}; settings: {summary.settings.name}; 3D boxes: {ENGINES[sensors.box_source_3d].words}; "
-        f"2D boxes: {sensors.box_words[0].partition(';')[0]}"
-    )
 
 
 def _print_road_users(out: Console, summary: RunSummary, units: Units) -> None:
@@ -128,8 +121,11 @@ def _missing(summary: RunSummary) -> Iterator[str]:
         lines.append(f"dropped: {_plural(count, 'message')} of {where}: {reason}")
     yield from _first(lines, "more reasons, with -v")
     if missing := summary.sensors.missing:
-        names = [f"{one.sensor} in {one.frames}" for one in missing]
-        yield f"missing from {_plural(summary.frames.count, 'frame')}: {listed(names)}; -v says when"
+        parts = []
+        for count in sorted({one.frames for one in missing}):
+            names = [one.sensor for one in missing if one.frames == count]
+            parts.append(f"{' and '.join(names) if len(names) <= MAX_NAMED else f'{len(names)} topics'} in {count}")
+        yield f"missing: {listed(parts)} of {_plural(summary.frames.count, 'frame')}; -v says when"
 
 
 def _first(lines: list[str], more: str) -> list[str]:
@@ -138,16 +134,21 @@ def _first(lines: list[str], more: str) -> list[str]:
     return lines if left <= 0 else [*lines[: MAX_LINES - 1], f"and {left} {more}", lines[-1]]
 
 
+def _named(files: Sequence[object]) -> str:
+    """Files in a line: those that have the name of the first but for its ending, by their endings."""
+    first, *others = map(str, files)
+    stem = first.rpartition(".")[0]
+    return ", ".join([first, *(name.removeprefix(stem) if name.startswith(f"{stem}.") else name for name in others)])
+
+
 def _look(summary: RunSummary) -> str:
     """The command that opens the outputs; empty where none can be opened."""
     found = {path.suffix: path for path in summary.outputs}
-    opened = [f"lidcam view {shlex.quote(str(found[ending]))}" for ending in (".rrd", ".html") if ending in found]
-    if ".mp4" in found:
-        opened.append(f"play {found['.mp4']}")
-    if ".mcap" in found:
-        layout = f", layout {found['.json'].name}" if found.get(".json", Path()).name.endswith(".foxglove.json") else ""
-        opened.append(f"open {found['.mcap'].name} in Foxglove{layout}")
-    return "; ".join(opened)
+    shown = [found[ending] for ending in (".rrd", ".html", ".mcap", ".mp4") if ending in found]
+    if not shown:
+        return ""
+    first, _, others = _named(shown).partition(", ")
+    return f"lidcam view {shlex.quote(first)}{f' (or {others})' if others else ''}"
 
 
 def _plural(count: int, noun: str) -> str:

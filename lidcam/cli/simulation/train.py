@@ -40,7 +40,7 @@ Examples:
   lidcam train clusters --out mine.npz
   lidcam train clusters --family all --worlds 600 --out mine.npz
   lidcam train clusters --recordings labelled.mcap --family road --out mine.npz
-  lidcam-process drive.mcap out.mcap --set detect3d.weights=mine.npz
+  lidcam process drive.mcap out.mcap --set detect3d.weights=mine.npz
 """
 PILLARS_EXAMPLES = """\b
 Examples:
@@ -48,12 +48,12 @@ Examples:
   lidcam train pillars --steps 20000 --out mine.onnx --resume
   lidcam train pillars --steps 2000 --out mine.onnx \\
     --recordings labelled.mcap --family all
-  lidcam-process drive.mcap out.mcap --model-3d mine.onnx
+  lidcam process drive.mcap out.mcap --model-3d mine.onnx
 """
 CONVERT_EXAMPLES = """\b
 Examples:
   lidcam train convert net.pth --config net.yaml --out mine.onnx
-  lidcam-process drive.mcap out.mcap --model-3d mine.onnx
+  lidcam process drive.mcap out.mcap --model-3d mine.onnx
 """
 
 
@@ -168,9 +168,9 @@ def pillars(
     ] = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """Train a network that finds 3D boxes; on a CUDA device if there is one.
+    """Train a network that finds 3D boxes.
 
-    On simulated worlds, on labelled recordings, or on both.
+    On simulated worlds, labelled recordings, or both; on a CUDA device if there is one.
     """
     from lidcam.simulation import check_simulator
 
@@ -244,7 +244,10 @@ def convert(
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Convert PointPillars or CenterPoint in pillars of OpenPCDet or mmdetection3d, to run them without PyTorch."""
+    """Convert a PointPillars or CenterPoint network to ONNX.
+
+    The checkpoints of OpenPCDet and mmdetection3d, in pillars. The result runs without PyTorch.
+    """
     _check_extra("reading a checkpoint")
     from lidcam.outputs.allowed import check_no_input
     from lidcam.training.kits.convert import converted

@@ -56,6 +56,11 @@ class OnnxSession:
         """
         if not str(path).isascii() and os.fsencode(path).decode(errors="ignore") != str(path):
             raise ModelError(f"{path}: expected a path in UTF-8, as onnxruntime needs it; rename it")
+        if path.suffix in {".pt", ".pth"}:
+            raise ModelError(
+                f"{path}: expected ONNX, found a PyTorch checkpoint; export it first: for Ultralytics, yolo export "
+                f"model={path.name} format=onnx"
+            )
         try:
             if not path.is_file():
                 found = "a folder" if path.is_dir() else "; ".join(filter(None, ("no such file", remedy)))
@@ -102,11 +107,6 @@ class OnnxSession:
         except Exception as err:  # onnxruntime's errors have no base of their own
             if is_short_memory(err):
                 raise
-            if path.suffix in {".pt", ".pth"}:
-                raise ModelError(
-                    f"{path}: expected ONNX, found a PyTorch checkpoint; export it first: for Ultralytics, yolo "
-                    f"export model={path.name} format=onnx"
-                ) from err
             with path.open("rb") as stream:
                 is_pointer = stream.read(len(LFS_POINTER)) == LFS_POINTER
             found = "a Git LFS pointer in its place; fetch it with `git lfs pull`" if is_pointer else one_line(err)

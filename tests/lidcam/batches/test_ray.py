@@ -25,20 +25,25 @@ from lidcam.run.job import Job
 ray = pytest.importorskip("ray", reason="Ray is not installed")
 cluster_utils = pytest.importorskip("ray.cluster_utils")
 
-PROGRAM = """
-import dataclasses, pickle, sys, time
-task = pickle.load(sys.stdin.buffer)
-(recording,), (output,) = task.job.inputs, task.outputs
-time.sleep(0.5)
-record = dataclasses.replace(task.record, state="failed", exit_code=1, message="it is bad")
-if recording.stem != "bad":
+PROGRAM = (
+    "-c",
+    """
+import dataclasses, time
+from lidcam.batches.worker import serve
+def job(task):
+    (recording,), (output,) = task.job.inputs, task.outputs
+    sum(range(1_000_000))
+    time.sleep(0.5)
+    if recording.stem == "bad":
+        return dataclasses.replace(task.record, state="failed", exit_code=1, message="it is bad")
     output.write_bytes(recording.read_bytes())
     with open(output.parent / "finished", "a") as file:
         file.write(recording.stem)
-    record = dataclasses.replace(task.record, state="done", exit_code=0)
-sys.stdout.buffer.write(pickle.dumps(record))
-"""
-"""In place of the process of a job, which takes seconds; tests/e2e/test_batch.py takes that."""
+    return dataclasses.replace(task.record, state="done", exit_code=0)
+serve(job)
+""",
+)
+"""In place of the process of jobs, which take seconds; tests/e2e/test_batch.py takes that."""
 
 
 TASK = Task(JobRecord("a", "a.bag", "key", "begun"), Job((Path("a.bag"),)), ())
@@ -70,8 +75,8 @@ def test_a_batch_goes_on_without_a_node_that_is_gone_and_makes_what_processes_ma
         if len(told) == 1:
             cluster.remove_node(cluster.list_all_nodes()[-1], allow_graceful=False)
 
-    records = run_batch(jobs, options, RayEngine(None, 1, cluster.address, ("-c", PROGRAM)), told_of)
-    others = run_batch(jobs, replace(options, out=tmp_path / "local"), LocalEngine(3, ("-c", PROGRAM)), lambda _: None)
+    records = run_batch(jobs, options, RayEngine(None, 1, cluster.address, PROGRAM), told_of)
+    others = run_batch(jobs, replace(options, out=tmp_path / "local"), LocalEngine(3, PROGRAM), lambda _: None)
     assert capsys.readouterr().out == ""  # of Ray, which prints what happened to the node
     assert sorted(told) == ["a", "b", "bad", "c", "d", "e"]
     assert sorted((out / "finished").read_text()) == ["a", "b", "c", "d", "e"]

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import IO
 
 import pytest
 from written_jobs import Written
@@ -95,64 +96,92 @@ def held(tmp_path: Path) -> Iterator[int]:
 TASK = Task(JobRecord("a", "a.bag", "key", "begun"), Job((Path("none.bag"),)), ())
 
 
-def python(code: str, jobs: int = 1) -> LocalEngine:
+def program(code: str) -> tuple[str, str]:
     """Runs this for each job."""
-    return LocalEngine(jobs, ("-c", code))
+    return "-c", f"import os\nfrom lidcam.batches.worker import serve\ndef job(task): {code}\nserve(job)"
+
+
+def records(code: str, *, count: int = 1, keep_open: int | None = None) -> list[JobRecord]:
+    """Those of as many jobs, one after another."""
+    return [*LocalEngine(1, program(code)).outcomes([lambda one: one.run(TASK, keep_open=keep_open)] * count)]
+
+
+DONE = "import dataclasses; return dataclasses.replace(task.record, state='done', message=str(os.getppid()))"
 
 
 def test_a_process_takes_a_job_and_is_measured(held: int) -> None:
-    code = """
-import dataclasses, pickle, sys
-x = b"x" * (80 << 20)
-task = pickle.load(sys.stdin.buffer)
-sys.stdout.buffer.write(pickle.dumps(dataclasses.replace(task.record, state="done", exit_code=0)))
-"""
-    record = python(code).run(TASK, keep_open=held)
-    assert (record.name, record.state, record.exit_code) == ("a", "done", 0)
+    (record,) = records(f'x = b"x" * (80 << 20); {DONE}', keep_open=held)
+    assert (record.name, record.state) == ("a", "done")
     assert record.peak_mib > 80
     assert record.processor_s > 0
+
+
+def test_jobs_are_copies_of_one_process_which_their_crashes_leave_alone(tmp_path: Path) -> None:
+    first = tmp_path / "first"
+    once = f"os.path.exists({str(first)!r}) or [open({str(first)!r}, 'x'), os.abort()]"
+    crashed, *done = records(f"{once}; {DONE}", count=3)
+    assert (crashed.state, crashed.exit_code, crashed.message) == ("failed", -6, "ended by signal 6")
+    assert [one.state for one in done] == ["done", "done"]
+    assert done[0].message == done[1].message
 
 
 @pytest.mark.parametrize(
     ("code", "exit_code", "message"),
     [
-        ("import os; os.abort()", -6, "ended by signal 6"),
-        ("import sys; sys.exit(143)", 143, "ended by signal 15"),
+        ("os._exit(143)", 143, "ended by signal 15"),
+        ("os.kill(os.getppid(), 9)", -9, "ended by signal 9"),  # of the process that it is a copy of
         ("import nothing_like_it", 1, "ModuleNotFoundError: No module named 'nothing_like_it'"),
     ],
 )
 def test_a_process_that_gives_no_record_has_failed(code: str, exit_code: int, message: str) -> None:
-    record = python(code).run(TASK, keep_open=None)
-    assert (record.state, record.exit_code, record.message) == ("failed", exit_code, message)
+    for record in records(code, count=2):
+        assert (record.state, record.exit_code, record.message) == ("failed", exit_code, message)
 
 
-def test_leaving_ends_the_processes_at_work(held: int) -> None:
+def test_where_no_process_starts_there_is_a_line() -> None:
+    (record,) = LocalEngine(1, ("-c", "import none")).outcomes([lambda one: one.run(TASK, keep_open=None)])
+    assert (record.exit_code, record.message) == (1, "ModuleNotFoundError: No module named 'none'")
+
+
+@pytest.fixture
+def pipe(tmp_path: Path) -> Path:
+    os.mkfifo(tmp_path / "pipe")
+    return tmp_path / "pipe"
+
+
+def sleeping(pipe: Path) -> tuple[str, str]:
+    """Writes to this pipe, and holds it until it ends."""
+    return program(f"import time; file = open({str(pipe)!r}, 'wb', 0); file.write(b'begun'); time.sleep(600)")
+
+
+def test_leaving_ends_the_processes_at_work(held: int, pipe: Path) -> None:
     codes: list[int | None] = []
 
-    def short(_: Engine) -> str:
-        return "short"
+    def short(_: Engine) -> IO[bytes] | None:
+        told = pipe.open("rb")
+        assert told.read(5) == b"begun"
+        return told
 
-    def long(engine: Engine) -> str:
+    def long(engine: Engine) -> None:
         codes.append(engine.run(TASK, keep_open=held).exit_code)
-        return "long"
 
-    with closing(python("import time; time.sleep(600)", 2).outcomes([long, short])) as outcomes:
-        assert next(outcomes) == "short"
-    assert codes == [-15]
+    with closing(LocalEngine(2, sleeping(pipe)).outcomes([long, short])) as outcomes:
+        told = next(outcomes)
+    assert codes == [143]
+    assert told is not None
+    with told:
+        assert told.read() == b""
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="prctl(2)")
-def test_a_bound_process_ends_with_the_thread_that_started_it() -> None:
-    """Here the process that holds the thread is killed; a pipe tells when the last that holds its end is gone."""
-    end, held = os.pipe()
-    sleeps = f"import os, time; os.write({held}, b'begun'); time.sleep(600)"
+def test_a_bound_process_ends_with_the_thread_that_started_it(pipe: Path) -> None:
+    """Here the process that holds the thread is killed; a pipe tells when the job is gone."""
     code = f"""
 import pickle
 from lidcam.batches.local import LocalEngine
-LocalEngine(1, ("-c", {sleeps!r}), is_bound=True).run(pickle.loads({pickle.dumps(TASK)!r}), keep_open={held})
+LocalEngine(1, {sleeping(pipe)!r}, is_bound=True).run(pickle.loads({pickle.dumps(TASK)!r}), keep_open=None)
 """
-    with subprocess.Popen([sys.executable, "-c", code], pass_fds=(held,)) as starter, os.fdopen(end, "rb") as told:
-        os.close(held)
+    with subprocess.Popen([sys.executable, "-c", code]) as starter, pipe.open("rb") as told:
         assert told.read(5) == b"begun"
         starter.kill()
         assert told.read() == b""

@@ -56,7 +56,7 @@ def test_tables(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
     evaluated(result, "fused.car.recall >= 0.9", "frames > 1", everything=True)
     out = capsys.readouterr().out
     assert out.startswith(
-        "out.mcap: 4 of 4 frames have ground truth, from /ground_truth/objects of out.mcap (by its name); 8 objects"
+        "out.mcap: 4 of 4 frames have ground truth, from /ground_truth/objects (by its name); 8 objects"
     )
     assert "\ndetection\nclass  source   truth  boxes  recall  prec.  false  AP bev  AP 3D   mAP\ncar    lidar" in out
     assert re.search(r"\n       cameras      8 ", out)

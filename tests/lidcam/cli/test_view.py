@@ -11,7 +11,7 @@ from command import called
 
 @pytest.fixture(autouse=True)
 def results(tmp_path: Path) -> None:
-    for name in ("out.rrd", "out.html", "out.mcap", "out.csv", "out.foxglove.json"):
+    for name in ("out.rrd", "out.html", "out.mp4", "out.mcap", "out.csv", "out.foxglove.json"):
         (tmp_path / name).touch()
 
 
@@ -24,14 +24,14 @@ def test_what_there_is_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
     def browse(address: str) -> bool:
         opened.append(address)
-        return len(opened) == 2
+        return len(opened) in {2, 3}
 
     monkeypatch.setattr(subprocess, "run", run)
     monkeypatch.setattr(webbrowser, "open", browse)
     monkeypatch.setenv("DISPLAY", ":0")
-    assert called(tmp_path, "view", "out.rrd").code == called(tmp_path, "view", "out.html").code == 0
-    assert opened == ["out.rrd", (tmp_path / "out.html").as_uri()]
-    assert "the Rerun viewer ended with 2" in called(tmp_path, "view", "out.rrd").error_line
+    assert [called(tmp_path, "view", name).code for name in ("out.rrd", "out.html", "out.mp4")] == [0, 0, 0]
+    assert opened == ["out.rrd", (tmp_path / "out.html").as_uri(), (tmp_path / "out.mp4").as_uri()]
+    assert "the Rerun viewer ended with 3" in called(tmp_path, "view", "out.rrd").error_line
     assert "found no browser" in called(tmp_path, "view", "out.html").error_line
 
 
@@ -42,7 +42,7 @@ def test_what_there_is_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
             "out.rrd",
             "out.rrd: expected a display for the Rerun viewer, found none (DISPLAY is not set); `rerun",
         ),
-        ("out.csv", "out.csv: expected a result of lidcam, which ends in .rrd, .html or .mcap"),
+        ("out.csv", "out.csv: expected a result of lidcam, which ends in .rrd, .html, .mp4 or .mcap"),
         ("none.rrd", "none.rrd: expected a result to open, found no such file"),
     ],
 )

@@ -107,7 +107,7 @@ def test_what_was_fetched_is_used_where_no_boxes_are_recorded(server: RangeServe
     sled = "classes=[{name: sled, size_m: [1, 1, 1], max_size_m: [2, 2, 2]}]"  # which COCO does not know
     for options in (("--model-2d", "none"), ("--set", sled, "--set", "detect3d.method=cluster")):
         said = run(tmp_path / "i.bag", *options)
-        assert "none: lidar-only" in said
+        assert "none (lidar-only)" in said
         assert "The cameras" not in said
     run(SANDBOX)
     assert (tmp_path / "o.mcap").read_bytes() == before

@@ -59,13 +59,16 @@ def test_what_is_no_result_or_lacks_something(run: lidcam.RunResult, monkeypatch
 def test_the_tables_of_the_console_in_a_notebook(run: lidcam.RunResult) -> None:
     page = run._repr_html_()
     assert page.startswith("<pre style=")
-    for words in ("road users", "pedestrian", f"missing from {run.frames} frames", f"{run.frames} frames in"):
+    for words in ("road users", "pedestrian", f"of {run.frames} frames; -v", f"{run.frames} frames in"):
         assert words in page
     assert "verdict" not in page
     found = lidcam.inspect(CROSSING)
     assert isinstance(found, lidcam.Inspection)
     assert str(found).splitlines()[1] == "verdict: sound, and all of its sensors can be used"
     assert "/lidar_north_east/velodyne_packets" in found._repr_html_()  # type: ignore[attr-defined]  # of what notebooks show, a subclass
+    path = run.summary.outputs[0]
+    assert str(lidcam.evaluate(path)).startswith("out.mcap: ")
+    assert str(lidcam.compare(path, path)).splitlines()[2].startswith("frames: ")
     hostile = replace(run.objects, class_names=("<script>",) * 9)
     assert "<script>" not in hostile._repr_html_()
 
@@ -125,7 +128,7 @@ def test_tracks_of_a_rig_that_moves_are_drawn_in_a_fixed_frame(run: lidcam.RunRe
     ahead = run.objects.select(np.unique(run.objects.frames, return_index=True)[1])
     ahead = replace(ahead, centers=np.tile([10.0, 0, 0], (count, 1)), tracks=np.ones(count, np.int64))
     axes = lidcam.RunResult(run.summary, ahead, lambda: site).plot()
-    np.testing.assert_allclose(line_of(axes, "the sensors' own way"), np.column_stack([np.zeros(count), range(count)]))
+    np.testing.assert_allclose(line_of(axes, "path of the sensors"), np.column_stack([np.zeros(count), range(count)]))
     drawn = np.concatenate([line.get_xydata() for line in axes.get_lines()[1:]])
     np.testing.assert_allclose(drawn[np.isfinite(drawn[:, 0])][:, 0], 0, atol=1e-9)
     assert set(drawn[np.isfinite(drawn[:, 0])][:, 1].round(6)) == {10.0 + number for number in range(count)}

@@ -218,7 +218,7 @@ def test_files_that_are_no_results(tmp_path: Path) -> None:
         (tmp_path / "a\nb.bag", "found another kind of file"),
         (tmp_path / "empty.mcap", "found another kind of file"),
         (tmp_path / "nothing.mcap", "found no such file"),
-        (tmp_path, "found a folder"),
+        (tmp_path, "found a folder: .*empty.mcap, .*recorded.mcap"),
         (recorded, "found a recording; run `lidcam pro"),
     ):
         with pytest.raises(RecordingError, match=f"expected a result of lidcam, .*{reason}") as caught:

@@ -48,14 +48,30 @@ def test_without_tracks_and_without_any() -> None:
 
 def test_sound_runs_take_a_dozen_lines() -> None:
     many = [replace(CARS, class_name=name) for name in ("car", "pedestrian", "bicycle", "truck", "bus")]
-    lines = short(
-        road_users=RoadUsers(tuple(many), ()), outputs=(Path("o.mcap"), Path("o.rrd"), Path("o.foxglove.json"))
-    )
+    outputs = tuple(Path("a drive.lidcam") / f"a drive{ending}" for ending in (".mcap", ".rrd", ".foxglove.json"))
+    lines = short(road_users=RoadUsers(tuple(many), ()), outputs=(*outputs, Path("other.html"), Path("film.mp4")))
     assert len(lines) <= 12
     assert lines[-2:] == [
-        "wrote o.mcap, o.rrd, o.foxglove.json",
-        "to look at it: lidcam view o.rrd; open o.mcap in Foxglove, layout o.foxglove.json",
+        "wrote a drive.lidcam/a drive.mcap, .rrd, .foxglove.json, other.html, film.mp4",
+        "to look at it: lidcam view 'a drive.lidcam/a drive.rrd' (or other.html, .mcap, film.mp4)",
     ]
+
+
+def test_a_run_without_a_network_takes_a_dozen_lines_on_a_terminal() -> None:
+    """As 3 s of a street do."""
+    outputs = tuple(Path(f"drive.lidcam/drive{ending}") for ending in (".mcap", ".rrd", ".html", ".foxglove.json"))
+    boxes = "11 pedestrian, 13 bus boxes are below it, with 0.2 to 0.5"
+    warning = RunWarning("fuse.min_score", boxes, "2D boxes tell which are right (--model-2d)")
+    users = RoadUsers((replace(CARS, zone=""), PARKED), ())
+    words = (
+        "none (lidar-only); a network",
+        "The cameras are not used. Type `lidcam fetch yolox-nano`, then run this again.",
+    )
+    summary = changed(sound_summary(), sensors={"box_words": words}, drops={"messages": ()})
+    summary = replace(summary, outputs=outputs, warnings=(warning,), road_users=users)
+    lines = printed(summary, details=False, width=80).splitlines()
+    assert len(lines) <= 12
+    assert lines[-1] == "to look at it: lidcam view drive.lidcam/drive.rrd (or .html, .mcap)"
 
 
 def test_what_was_dropped_and_what_is_missing() -> None:
@@ -67,7 +83,13 @@ def test_what_was_dropped_and_what_is_missing() -> None:
     text = printed(summary, details=False)
     assert "dropped: 3 messages of /image: no partner within 0.05 s\n" in text
     assert "/points" not in text, "parts of messages that were used"
-    assert f"missing from {summary.frames.count} frames: cam in 2; -v says when" in text
+    assert f"missing: cam in 2 of {summary.frames.count} frames; -v says when" in text
+    some = tuple(
+        MissingSensor(f"{name}cam", "/image", count, 4, ())
+        for name, count in zip("abcde", (2, 1, 2, 2, 1), strict=True)
+    )
+    line = printed(changed(summary, sensors={"missing": some}), details=False).splitlines()[-1]
+    assert line.startswith("missing: bcam and ecam in 1, 3 topics in 2 of ")
     both = changed(summary, drops={"messages": (DROP, replace(DROP, topic="/other"))})
     assert "dropped: 6 messages of 2 topics: no partner within 0.05 s\n" in printed(both, details=False)
 
