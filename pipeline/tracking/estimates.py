@@ -44,6 +44,10 @@ SIZE_QUANTILE = 0.65
 """Quantile of the weighted lengths and widths; above the median, as other objects hide ends more often than they add to
 them."""
 
+MAX_LENGTH_RATIO = 1.5
+"""Maximum ratio of the length of another class, whose boxes count for the size of a track, to that of its class: in
+some frames a lorry is a bus. Boxes of shorter classes are parts."""
+
 MIN_SIDE_VIEW = 0.25
 """Minimum sine of the angle between the view and the length; in line with it, what lies beyond the far end is another
 object."""
@@ -160,12 +164,12 @@ def estimated(scene: Scene, track_of: I64, priors: Priors, history: History | No
     noise[~of_class.show_axis[hits.tracks], 2, 2] = FRAME_CORRELATION * NO_AXIS_VARIANCE
     noise[~hits.sightings.are_reported] *= WEAK_NOISE
 
-    boxes = _resized_boxes(hits, _sizes(hits, class_ids, of_class, history))
+    boxes = _resized_boxes(hits, _sizes(hits, priors, of_class, history))
     free = _solved(scene, hits, _initial_courses(scene, hits, boxes, noise, of_class), boxes, noise)
     free, standing = _with_parked(scene, free, of_class)
     turned, fronts_known = _fronts(scene, hits, free, standing, of_class, history)
 
-    sizes = _sizes(hits, class_ids, of_class, history, _distances_of_ends(hits, free, of_class))
+    sizes = _sizes(hits, priors, of_class, history, _distances_of_ends(hits, free, of_class))
     courses = _restarted(free, turned, standing, of_class.rear_m(sizes[:, 0]))
     solution = _solved(scene, hits, courses, _resized_boxes(hits, sizes), noise, standing)
     cells, motions = solution.cells, solution.motions
@@ -207,17 +211,19 @@ def _hits(scene: Scene, track_of: I64) -> _Hits:
 
 
 def _sizes(
-    hits: _Hits, class_ids: I64, of_class: Priors, history: History, end_distances_m: F64 | float = np.nan
+    hits: _Hits, priors: Priors, of_class: Priors, history: History, end_distances_m: F64 | float = np.nan
 ) -> F64:
-    """(T, 3) sizes by the history, else quantiles of those of the boxes of the track's class; distances (H,) or NaN.
+    """(T, 3) sizes by the history, else quantiles of boxes; distances (H,) of the ends, or NaN.
 
-    Where points reach beyond the ends of a box, it is longer by up to a standard deviation of its length.
+    Boxes of the track's class count, and those of a class that is a little longer. Where points reach beyond the ends
+    of a box, it is longer by up to a standard deviation of its length.
     """
     sightings = hits.sightings
     extents, sigmas_m = sightings.sizes.copy(), _extent_sigmas_m(sightings)
     extents[:, 0] = np.fmax(extents[:, 0], np.minimum(end_distances_m, extents[:, 0] + sigmas_m[:, 0]))
-    is_class = sightings.class_ids == class_ids[hits.tracks]
-    weights = np.where(is_class, sightings.beliefs, 1e-9) * np.maximum(sightings.point_counts, 1)
+    ratios = priors.lengths_m[sightings.class_ids] / of_class.lengths_m[hits.tracks]
+    shows_whole = (ratios >= 1.0) & (ratios < MAX_LENGTH_RATIO)
+    weights = np.where(shows_whole, sightings.beliefs, 1e-9) * np.maximum(sightings.point_counts, 1)
     of_sides = np.where(
         of_class.are_solid[hits.tracks, None], sightings.side_views * (sightings.sizes[:, :2] / sigmas_m) ** 2, 1.0
     )

@@ -2,7 +2,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from tracked_scenes import CAR, PERIOD_S, PRIORS, START_NS, Mover, Place, scene, straight
+from tracked_scenes import BUS, CAR, PERIOD_S, PRIORS, START_NS, TRUCK, Mover, Place, scene, straight
 
 from lidcam.pipeline.tracking.estimates import History, estimated, renumbered
 from lidcam.pipeline.tracking.joining import joined_in_place
@@ -54,6 +54,18 @@ def test_the_length_is_that_of_the_frames_that_show_both_ends() -> None:
     whole.sightings.sides[:, 0] = 1.0
     whole.sightings.covariances[~sure, 0, 0] = 0.3**2
     assert estimated(whole, labels, PRIORS).sizes[0, 0] == 3.5
+
+
+def test_boxes_of_a_longer_class_show_the_whole_and_those_of_a_shorter_one_parts() -> None:
+    whole, labels = one_track(scene([Mover(straight(0, 0, 0, 0), class_id=TRUCK)], 40, noise_m=0.01))
+    turn = np.arange(40) % 4
+    whole.sightings.class_ids[:] = np.choose(turn, [BUS, TRUCK, TRUCK, CAR])
+    whole.sightings.sizes[:] = np.array([[12.0, 2.5, 3.0], [8.0, 2.0, 2.0], [8.0, 2.0, 2.0], [4.0, 1.7, 1.5]])[turn]
+    whole.sightings.covariances[turn > 0, 0, 0] = 0.3**2
+    whole.sightings.sides[:, 0] = 1.0
+    found = estimated(whole, labels, PRIORS)
+    assert found.class_ids[0] == TRUCK
+    assert found.sizes[0, 0] == 12.0
 
 
 def test_what_is_known_stays() -> None:
