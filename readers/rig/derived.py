@@ -40,6 +40,9 @@ WORLD_FRAMES = frozenset({"camera_init", "earth", "enu", "global", "local", "map
 COMPUTED_FIELDS = frozenset({"normal_x", "normal_y", "normal_z", "curvature", "rgb", "rgba"})
 """Fields of clouds that no lidar measures: normals, and colours of a camera."""
 
+RADAR_FIELDS = frozenset({"doppler", "doppler_velocity", "radial_velocity", "range_rate", "rcs", "velocity", "vx_comp"})
+"""Fields of clouds of radars; lidars that measure speeds have times of points, too."""
+
 LOOK_NS = 1_500_000_000
 """Log time before and after the first message of the topic that begins last, in which stamps are compared."""
 
@@ -146,10 +149,10 @@ def _beyond_motion(frame: str, transforms: RecordedTransforms) -> set[str]:
     return found
 
 
-def is_computed(topic: str, first: FirstMessages) -> bool:
-    """Whether a topic's fields say that its clouds were computed; lidars with a camera have colours, too, and rings."""
-    computed = not first.missing(topic, CLOUD) and COMPUTED_FIELDS & _fields(first.decoded(topic, CLOUD))
-    return bool(computed) and not is_measured(topic, first)
+def has_fields(topic: str, first: FirstMessages, fields: frozenset[str]) -> bool:
+    """Whether clouds have one of some fields, and no times and rings: lidars with a camera have colours, too."""
+    found = not first.missing(topic, CLOUD) and fields & _fields(first.decoded(topic, CLOUD))
+    return bool(found) and not is_measured(topic, first)
 
 
 def _fields(content: Any) -> set[str]:

@@ -157,6 +157,10 @@ def of_a_stereo_camera(one: Sweep) -> Iterable[RawMessage]:
     yield cloud("/oak/points", one, one.xyz[::7] + 0.1, "oak_right_camera_optical_frame")
 
 
+def of_a_radar(one: Sweep) -> Iterable[RawMessage]:
+    yield cloud("/radar_front", one, one.xyz[:90], "radar", {"rcs": np.zeros(90), "vx_comp": np.zeros(90)}, shift_ns=7)
+
+
 def maps(one: Sweep) -> Iterable[RawMessage]:
     if one.number == 3:
         yield cloud("/map", one, one.xyz, "map")
@@ -213,6 +217,7 @@ VELODYNE, LEFT, LINK = (
         (in_a_grid, False, [], []),
         (in_slam_origin, True, [VELODYNE], []),
         (of_a_stereo_camera, True, [VELODYNE], []),
+        (of_a_radar, False, [VELODYNE, ("base_link", "radar", (3, 0, 0.5))], []),
         (maps, True, [VELODYNE], []),
         (beside("left"), True, [VELODYNE, LEFT], ["/left/points"]),
         (beside("velodyne"), True, [VELODYNE], ["/left/points"]),  # whose driver writes the same frame
