@@ -52,6 +52,9 @@ STAMP_NS = 1_000
 ENOUGH = 6
 """Number of messages of each topic after which no more are read."""
 
+LAST = 3
+"""Number of the sensor's last messages of which a message with a stamp of its own may have been made."""
+
 MAX_COMPARED = 40
 """Largest number of topics that are compared with one another; a robot with everything on has twenty."""
 
@@ -108,8 +111,14 @@ class Seen(NamedTuple):
         if not len(sensor.stamps_ns):
             return []
         near = np.searchsorted(sensor.stamps_ns, self.stamps_ns - STAMP_NS).clip(max=len(sensor.stamps_ns) - 1)
-        equal = np.abs(sensor.stamps_ns[near] - self.stamps_ns) <= STAMP_NS
+        equal = (np.abs(sensor.stamps_ns[near] - self.stamps_ns) <= STAMP_NS) & (self.stamps_ns != 0)
         return list(zip(self.log_ns[equal].tolist(), sensor.log_ns[near[equal]].tolist(), strict=True))
+
+    def recorded_after(self, sensor: "Seen") -> list[tuple[int, int]]:
+        """Log times of a message, and of each of the last of the sensor's that were recorded before it."""
+        log_ns = int(np.sort(self.log_ns)[len(self.log_ns) // 2])
+        before = np.sort(sensor.log_ns[sensor.log_ns < log_ns])
+        return [(log_ns, one) for one in before[: -LAST - 1 : -1].tolist()]
 
 
 def is_world_frame(
@@ -167,6 +176,7 @@ class Pair(NamedTuple):
     log_ns: int  # When the message of `topic` was recorded
     sensor_log_ns: int  # When that of `sensor` was
     other_log_ns: int | None  # When another message of `sensor` was
+    is_stamped: bool  # Whether their stamps are equal; else they were recorded one after the other
 
 
 class Contents:
@@ -207,16 +217,17 @@ class Contents:
             return ""
         shared = {one: seen.shared_with(self._seen[one]) for one in sensors if one in self._seen}
         equal = {log_ns for pairs in shared.values() for log_ns, _ in pairs}
-        if len(equal) < MIN_EQUAL_SHARE * len(seen.stamps_ns):
-            return ""
+        is_stamped = len(equal) >= max(MIN_EQUAL_SHARE * np.count_nonzero(seen.stamps_ns), 1)
+        if not is_stamped:
+            shared = {one: seen.recorded_after(self._seen[one]) for one in shared}
         for sensor, pairs in shared.items():
             other_ns = pairs[0][1] if len(pairs) > 1 else None
             for log_ns, sensor_ns in (*pairs[len(pairs) // 2 :], *pairs[: len(pairs) // 2]):
                 with suppress(MessageError):  # such messages are dropped, and counted, where they are used
-                    is_made = is_made_of(Pair(topic, sensor, log_ns, sensor_ns, other_ns))
+                    is_made = is_made_of(Pair(topic, sensor, log_ns, sensor_ns, other_ns, is_stamped))
                     if is_made:
                         return sensor
-                    if is_made is not None:
+                    if is_made is not None and is_stamped:
                         break
         return ""
 
@@ -236,15 +247,14 @@ class Contents:
 
 
 def _seen(recording: Recording, begin_ns: Mapping[str, int]) -> dict[str, Seen]:
-    """Some messages of topics around the time at which the last of them begins; stamps of zero are none."""
+    """Some messages of topics around the time at which the last of them begins."""
     if not 2 <= len(begin_ns) <= MAX_COMPARED:
         return {}
     at_ns = max(begin_ns.values())
     found: dict[str, list[tuple[int, int]]] = {topic: [] for topic in begin_ns}
     for message in recording.messages(begin_ns, start_ns=at_ns - LOOK_NS, stop_ns=at_ns + LOOK_NS):
         rows = found[message.topic]
-        if message.stamp_ns:
-            rows.append((message.stamp_ns, message.log_time_ns))
+        rows.append((message.stamp_ns, message.log_time_ns))
         if len(rows) == ENOUGH and all(len(others) >= ENOUGH for others in found.values()):
             break
     times = {topic: np.array(sorted(rows), np.int64).reshape(-1, 2) for topic, rows in found.items()}
@@ -296,6 +306,8 @@ def cloud_sources(
         made, cloud = contents.at(pair.topic, pair.log_ns), contents.at(pair.sensor, pair.sensor_log_ns)
         if min(len(made), len(cloud)) < RUN:
             return None
+        if not pair.is_stamped:  # by its points alone
+            return _is_same(_in_frame_of(cloud, made, transforms), cloud.xyz)
         measured = is_measured(pair.topic, first), is_measured(pair.sensor, first)
         if not transforms.are_joined(cloud.frame_id, made.frame_id):
             return _is_unjoined_cloud_of(made, cloud, transforms, measured, is_copied=is_copied)
@@ -334,7 +346,7 @@ def _is_cloud_of(
 
     `is_poor`: it has neither times nor rings, the sensor has; `is_copied`: runs of its intensities are the sensor's.
     """
-    points = transforms.lookup(cloud.frame_id, made.frame_id).apply(made.xyz)
+    points = _in_frame_of(cloud, made, transforms)
     if _is_same(points, cloud.xyz):
         return True
     if made.frame_id != cloud.frame_id and not _is_above(made.frame_id, cloud.frame_id, transforms):
@@ -363,6 +375,13 @@ def _is_unjoined_cloud_of(
         return True
     is_near = not measured[0] and _found(made.xyz, cloud.xyz, NEAR_M) >= MIN_NEAR
     return is_near or _is_same(made.xyz, cloud.xyz) or is_copied()
+
+
+def _in_frame_of(cloud: PointCloud, made: PointCloud, transforms: RecordedTransforms) -> F32:
+    """The points of a cloud in the frame of another one; as they are where nothing joins the frames."""
+    if not made.frame_id or not transforms.are_joined(cloud.frame_id, made.frame_id):
+        return made.xyz
+    return transforms.lookup(cloud.frame_id, made.frame_id).apply(made.xyz)
 
 
 def _is_same(points: F32, others: F32) -> bool:
@@ -443,6 +462,8 @@ def image_sources(
         return not has_info(topic), -width * height, contents.delay_ns(topic)
 
     def is_made_of(pair: Pair) -> bool:
+        if not pair.is_stamped:
+            return False
         frame, other = first.frame(pair.topic, IMAGE), first.frame(pair.sensor, IMAGE)
         if frame != other and (has_info(pair.topic) or (frame and other)):  # cameras that are triggered together
             return False

@@ -148,6 +148,16 @@ def in_a_grid(one: Sweep) -> Iterable[RawMessage]:
     yield cloud("/downsampled", one, thinned(one.xyz, 0.1), "velodyne")
 
 
+def stamped(frame: str, shift_ns: int | None) -> Made:
+    """Obstacles whose node writes a stamp of its own, or none."""
+
+    def of_sweep(one: Sweep) -> Iterable[RawMessage]:
+        shift = -one.stamp_ns if shift_ns is None else shift_ns
+        yield cloud("/obstacles", one, one.xyz[one.xyz[:, 2] > -1.5], frame, shift_ns=shift)
+
+    return of_sweep
+
+
 def in_slam_origin(one: Sweep) -> Iterable[RawMessage]:
     yield cloud("/local_map", one, one.xyz + one.driven, "slam_origin")
     yield moved(one, "slam_origin", "tracker")
@@ -215,6 +225,9 @@ VELODYNE, LEFT, LINK = (
         (in_its_frame, True, [], []),
         (in_its_frame, False, [], []),
         (in_a_grid, False, [], []),
+        (stamped("velodyne", 130_000_000), False, [], []),
+        (stamped("base_link", None), False, [("base_link", "velodyne", (0, 0, 0))], []),
+        (stamped("", None), True, [], []),
         (in_slam_origin, True, [VELODYNE], []),
         (of_a_stereo_camera, True, [VELODYNE], []),
         (of_a_radar, False, [VELODYNE, ("base_link", "radar", (3, 0, 0.5))], []),
