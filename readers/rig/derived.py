@@ -462,12 +462,10 @@ def image_sources(
         return not has_info(topic), -width * height, contents.delay_ns(topic)
 
     def is_made_of(pair: Pair) -> bool:
-        if not pair.is_stamped:
-            return False
         frame, other = first.frame(pair.topic, IMAGE), first.frame(pair.sensor, IMAGE)
         if frame != other and (has_info(pair.topic) or (frame and other)):  # cameras that are triggered together
             return False
-        if has_info(pair.sensor) and not has_info(pair.topic) and frame == other != "":
+        if pair.is_stamped and has_info(pair.sensor) and not has_info(pair.topic) and frame == other != "":
             return True
         made, image = contents.at(pair.topic, pair.log_ns), contents.at(pair.sensor, pair.sensor_log_ns)
         least = MIN_COPY if has_info(pair.topic) else MIN_PATTERN  # pairs of stereo cameras share a frame

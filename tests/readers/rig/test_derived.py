@@ -313,12 +313,11 @@ def texture(number: int) -> Array:
     return cv2.resize(chance.integers(0, 255, (24, 32, 3), np.uint8), (320, 240), interpolation=cv2.INTER_CUBIC)
 
 
-def picture(topic: str, one: Sweep, frame: str, pixels: Array | None = None) -> RawMessage:
-    shown = texture(one.number) if pixels is None else pixels
-    fields = image(shown, stamp_ns=one.stamp_ns, frame_id=frame)
-    return raw(
-        topic, "sensor_msgs/msg/Image", fields, one.stamp_ns, one.stamp_ns + (1 if pixels is None else 40) * 10**6
-    )
+def picture(topic: str, one: Sweep, frame: str, pixels: Array | None = None, shift_ns: int = 0) -> RawMessage:
+    shown, stamp_ns = texture(one.number) if pixels is None else pixels, one.stamp_ns + shift_ns
+    fields = image(shown, stamp_ns=stamp_ns, frame_id=frame)
+    log_ns = one.stamp_ns + (1 if pixels is None else 40) * 10**6
+    return raw(topic, "sensor_msgs/msg/Image", fields, stamp_ns, log_ns)
 
 
 def calibration(topic: str, one: Sweep, frame: str, share: float = 1.0) -> RawMessage:
@@ -335,8 +334,8 @@ def drawn_on(one: Sweep) -> Array:
     return shown
 
 
-def debug_image(frame: str) -> Made:
-    return lambda one: [picture("/yolo/debug_image", one, frame, drawn_on(one))]
+def debug_image(frame: str, shift_ns: int = 0) -> Made:
+    return lambda one: [picture("/yolo/debug_image", one, frame, drawn_on(one), shift_ns=shift_ns)]
 
 
 def colored_mask(one: Sweep) -> Iterable[RawMessage]:
@@ -363,6 +362,8 @@ def right(frame: str, shift_px: int) -> Made:
     [
         (debug_image("cam"), ["camera"]),
         (debug_image(""), ["camera"]),
+        (debug_image("cam", 150_000_000), ["camera"]),  # its node writes a stamp of its own
+        (debug_image("", 150_000_000), ["camera"]),
         (colored_mask, ["camera"]),
         (resized, ["camera"]),
         (right("cam", 1), ["camera", "right"]),  # frames of stereo pairs are that of the left camera
