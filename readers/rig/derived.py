@@ -88,6 +88,9 @@ RUN_KEY = np.random.default_rng(0).integers(2**64, size=RUN, dtype=np.uint64)
 MIN_RUNS, MIN_RUNS_RATIO = 0.2, 2.0
 """Smallest share of runs that copied points keep, and its smallest ratio to that which another sweep has by chance."""
 
+MIN_NOT_AMONG = 0.001
+"""Smallest share of the intensities of copied points that another sweep lacks; the sensor's has all of them."""
+
 PATTERN_PX = 320, 240
 """Size at which the patterns of images are compared."""
 
@@ -301,6 +304,8 @@ def cloud_sources(
             if pair.other_log_ns is None:
                 return False
             other: PointCloud = contents.at(pair.sensor, pair.other_log_ns)
+            if not _not_among(made, cloud) and _not_among(made, other) >= MIN_NOT_AMONG:
+                return True
             return _shared_runs(made, cloud) >= max(MIN_RUNS, MIN_RUNS_RATIO * _shared_runs(made, other))
 
         made, cloud = contents.at(pair.topic, pair.log_ns), contents.at(pair.sensor, pair.sensor_log_ns)
@@ -417,6 +422,13 @@ def _shared_runs(made: PointCloud, cloud: PointCloud) -> float:
         return 0.0
     keys, *known = (one.copy().view(np.uint32).astype(np.uint64) @ RUN_KEY for one in (sample, *of_cloud))
     return float(np.isin(keys, np.concatenate(known)).mean())
+
+
+def _not_among(made: PointCloud, cloud: PointCloud) -> float:
+    """Share of the intensities of a cloud that another one has not, or less often, in any order."""
+    _, values = np.unique(np.concatenate([made.intensity, cloud.intensity]), return_inverse=True)
+    counts = (np.bincount(of, minlength=values.max() + 1) for of in np.split(values, [len(made)]))
+    return float(np.maximum(np.subtract(*counts), 0).sum() / len(made))
 
 
 def _found(points: F32, others: F32, cell_m: float) -> float:

@@ -136,6 +136,12 @@ def corrected(frame: str, up_m: float = 0) -> Made:
     return of_sweep
 
 
+def in_another_order(one: Sweep) -> Iterable[RawMessage]:
+    kept = np.random.default_rng(5).permutation(len(one.xyz))[: len(one.xyz) * 3 // 4]
+    own = {"intensity": one.fields["intensity"][kept]}
+    yield cloud("/deskewed", one, (one.deskewed + np.array([0, 0, 1.9], np.float32))[kept], "base_link", own)
+
+
 def in_its_frame(one: Sweep) -> Iterable[RawMessage]:
     low = one.xyz[:, 2] < -1.5
     yield cloud("/a_filtered", one, one.xyz[::2], "velodyne")
@@ -221,6 +227,7 @@ VELODYNE, LEFT, LINK = (
         (lio_sam, False, [], []),
         (corrected("lidar_link"), False, [], []),
         (corrected("base_link", 1.9), True, [], []),
+        (in_another_order, False, [], []),
         (autoware, True, [VELODYNE], []),
         (in_its_frame, True, [], []),
         (in_its_frame, False, [], []),
