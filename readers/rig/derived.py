@@ -297,16 +297,18 @@ def cloud_sources(
         return topic not in packets, lacks, is_above, is_rare[topic], *order
 
     def is_made_of(pair: Pair) -> bool | None:
-        if pair.topic in packets:
+        frame, other = frames[pair.topic], frames[pair.sensor]
+        is_beside = frame != other and transforms.are_joined(frame, other) and not _is_above(frame, other, transforms)
+        if pair.topic in packets or (is_beside and not pair.is_stamped):
             return False
 
         def is_copied() -> bool:
             if pair.other_log_ns is None:
                 return False
-            other: PointCloud = contents.at(pair.sensor, pair.other_log_ns)
-            if not _not_among(made, cloud) and _not_among(made, other) >= MIN_NOT_AMONG:
+            another: PointCloud = contents.at(pair.sensor, pair.other_log_ns)
+            if not _not_among(made, cloud) and _not_among(made, another) >= MIN_NOT_AMONG:
                 return True
-            return _shared_runs(made, cloud) >= max(MIN_RUNS, MIN_RUNS_RATIO * _shared_runs(made, other))
+            return _shared_runs(made, cloud) >= max(MIN_RUNS, MIN_RUNS_RATIO * _shared_runs(made, another))
 
         made, cloud = contents.at(pair.topic, pair.log_ns), contents.at(pair.sensor, pair.sensor_log_ns)
         if min(len(made), len(cloud)) < RUN:
