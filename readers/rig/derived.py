@@ -40,6 +40,9 @@ WORLD_FRAMES = frozenset({"camera_init", "earth", "enu", "global", "local", "map
 COMPUTED_FIELDS = frozenset({"normal_x", "normal_y", "normal_z", "curvature", "rgb", "rgba"})
 """Fields of clouds that no lidar measures: normals, and colours of a camera."""
 
+RADAR_FIELDS = frozenset({"doppler", "doppler_velocity", "radial_velocity", "range_rate", "rcs", "velocity", "vx_comp"})
+"""Fields of clouds of radars; lidars that measure speeds have times of points, too."""
+
 LOOK_NS = 1_500_000_000
 """Log time before and after the first message of the topic that begins last, in which stamps are compared."""
 
@@ -48,6 +51,9 @@ STAMP_NS = 1_000
 
 ENOUGH = 6
 """Number of messages of each topic after which no more are read."""
+
+LAST = 3
+"""Number of the sensor's last messages of which a message with a stamp of its own may have been made."""
 
 MAX_COMPARED = 40
 """Largest number of topics that are compared with one another; a robot with everything on has twenty."""
@@ -82,6 +88,9 @@ RUN_KEY = np.random.default_rng(0).integers(2**64, size=RUN, dtype=np.uint64)
 MIN_RUNS, MIN_RUNS_RATIO = 0.2, 2.0
 """Smallest share of runs that copied points keep, and its smallest ratio to that which another sweep has by chance."""
 
+MIN_NOT_AMONG = 0.001
+"""Smallest share of the intensities of copied points that another sweep lacks; the sensor's has all of them."""
+
 PATTERN_PX = 320, 240
 """Size at which the patterns of images are compared."""
 
@@ -105,8 +114,14 @@ class Seen(NamedTuple):
         if not len(sensor.stamps_ns):
             return []
         near = np.searchsorted(sensor.stamps_ns, self.stamps_ns - STAMP_NS).clip(max=len(sensor.stamps_ns) - 1)
-        equal = np.abs(sensor.stamps_ns[near] - self.stamps_ns) <= STAMP_NS
+        equal = (np.abs(sensor.stamps_ns[near] - self.stamps_ns) <= STAMP_NS) & (self.stamps_ns != 0)
         return list(zip(self.log_ns[equal].tolist(), sensor.log_ns[near[equal]].tolist(), strict=True))
+
+    def recorded_after(self, sensor: "Seen") -> list[tuple[int, int]]:
+        """Log times of a message, and of each of the last of the sensor's that were recorded before it."""
+        log_ns = int(np.sort(self.log_ns)[len(self.log_ns) // 2])
+        before = np.sort(sensor.log_ns[sensor.log_ns < log_ns])
+        return [(log_ns, one) for one in before[: -LAST - 1 : -1].tolist()]
 
 
 def is_world_frame(
@@ -146,10 +161,10 @@ def _beyond_motion(frame: str, transforms: RecordedTransforms) -> set[str]:
     return found
 
 
-def is_computed(topic: str, first: FirstMessages) -> bool:
-    """Whether a topic's fields say that its clouds were computed; lidars with a camera have colours, too, and rings."""
-    computed = not first.missing(topic, CLOUD) and COMPUTED_FIELDS & _fields(first.decoded(topic, CLOUD))
-    return bool(computed) and not is_measured(topic, first)
+def has_fields(topic: str, first: FirstMessages, fields: frozenset[str]) -> bool:
+    """Whether clouds have one of some fields, and no times and rings: lidars with a camera have colours, too."""
+    found = not first.missing(topic, CLOUD) and fields & _fields(first.decoded(topic, CLOUD))
+    return bool(found) and not is_measured(topic, first)
 
 
 def _fields(content: Any) -> set[str]:
@@ -164,6 +179,7 @@ class Pair(NamedTuple):
     log_ns: int  # When the message of `topic` was recorded
     sensor_log_ns: int  # When that of `sensor` was
     other_log_ns: int | None  # When another message of `sensor` was
+    is_stamped: bool  # Whether their stamps are equal; else they were recorded one after the other
 
 
 class Contents:
@@ -204,16 +220,17 @@ class Contents:
             return ""
         shared = {one: seen.shared_with(self._seen[one]) for one in sensors if one in self._seen}
         equal = {log_ns for pairs in shared.values() for log_ns, _ in pairs}
-        if len(equal) < MIN_EQUAL_SHARE * len(seen.stamps_ns):
-            return ""
+        is_stamped = len(equal) >= max(MIN_EQUAL_SHARE * np.count_nonzero(seen.stamps_ns), 1)
+        if not is_stamped:
+            shared = {one: seen.recorded_after(self._seen[one]) for one in shared}
         for sensor, pairs in shared.items():
             other_ns = pairs[0][1] if len(pairs) > 1 else None
             for log_ns, sensor_ns in (*pairs[len(pairs) // 2 :], *pairs[: len(pairs) // 2]):
                 with suppress(MessageError):  # such messages are dropped, and counted, where they are used
-                    is_made = is_made_of(Pair(topic, sensor, log_ns, sensor_ns, other_ns))
+                    is_made = is_made_of(Pair(topic, sensor, log_ns, sensor_ns, other_ns, is_stamped))
                     if is_made:
                         return sensor
-                    if is_made is not None:
+                    if is_made is not None and is_stamped:
                         break
         return ""
 
@@ -233,15 +250,14 @@ class Contents:
 
 
 def _seen(recording: Recording, begin_ns: Mapping[str, int]) -> dict[str, Seen]:
-    """Some messages of topics around the time at which the last of them begins; stamps of zero are none."""
+    """Some messages of topics around the time at which the last of them begins."""
     if not 2 <= len(begin_ns) <= MAX_COMPARED:
         return {}
     at_ns = max(begin_ns.values())
     found: dict[str, list[tuple[int, int]]] = {topic: [] for topic in begin_ns}
     for message in recording.messages(begin_ns, start_ns=at_ns - LOOK_NS, stop_ns=at_ns + LOOK_NS):
         rows = found[message.topic]
-        if message.stamp_ns:
-            rows.append((message.stamp_ns, message.log_time_ns))
+        rows.append((message.stamp_ns, message.log_time_ns))
         if len(rows) == ENOUGH and all(len(others) >= ENOUGH for others in found.values()):
             break
     times = {topic: np.array(sorted(rows), np.int64).reshape(-1, 2) for topic, rows in found.items()}
@@ -281,18 +297,24 @@ def cloud_sources(
         return topic not in packets, lacks, is_above, is_rare[topic], *order
 
     def is_made_of(pair: Pair) -> bool | None:
-        if pair.topic in packets:
+        frame, other = frames[pair.topic], frames[pair.sensor]
+        is_beside = frame != other and transforms.are_joined(frame, other) and not _is_above(frame, other, transforms)
+        if pair.topic in packets or (is_beside and not pair.is_stamped):
             return False
 
         def is_copied() -> bool:
             if pair.other_log_ns is None:
                 return False
-            other: PointCloud = contents.at(pair.sensor, pair.other_log_ns)
-            return _shared_runs(made, cloud) >= max(MIN_RUNS, MIN_RUNS_RATIO * _shared_runs(made, other))
+            another: PointCloud = contents.at(pair.sensor, pair.other_log_ns)
+            if not _not_among(made, cloud) and _not_among(made, another) >= MIN_NOT_AMONG:
+                return True
+            return _shared_runs(made, cloud) >= max(MIN_RUNS, MIN_RUNS_RATIO * _shared_runs(made, another))
 
         made, cloud = contents.at(pair.topic, pair.log_ns), contents.at(pair.sensor, pair.sensor_log_ns)
         if min(len(made), len(cloud)) < RUN:
             return None
+        if not pair.is_stamped:  # by its points alone
+            return _is_same(_in_frame_of(cloud, made, transforms), cloud.xyz)
         measured = is_measured(pair.topic, first), is_measured(pair.sensor, first)
         if not transforms.are_joined(cloud.frame_id, made.frame_id):
             return _is_unjoined_cloud_of(made, cloud, transforms, measured, is_copied=is_copied)
@@ -331,7 +353,7 @@ def _is_cloud_of(
 
     `is_poor`: it has neither times nor rings, the sensor has; `is_copied`: runs of its intensities are the sensor's.
     """
-    points = transforms.lookup(cloud.frame_id, made.frame_id).apply(made.xyz)
+    points = _in_frame_of(cloud, made, transforms)
     if _is_same(points, cloud.xyz):
         return True
     if made.frame_id != cloud.frame_id and not _is_above(made.frame_id, cloud.frame_id, transforms):
@@ -360,6 +382,13 @@ def _is_unjoined_cloud_of(
         return True
     is_near = not measured[0] and _found(made.xyz, cloud.xyz, NEAR_M) >= MIN_NEAR
     return is_near or _is_same(made.xyz, cloud.xyz) or is_copied()
+
+
+def _in_frame_of(cloud: PointCloud, made: PointCloud, transforms: RecordedTransforms) -> F32:
+    """The points of a cloud in the frame of another one; as they are where nothing joins the frames."""
+    if not made.frame_id or not transforms.are_joined(cloud.frame_id, made.frame_id):
+        return made.xyz
+    return transforms.lookup(cloud.frame_id, made.frame_id).apply(made.xyz)
 
 
 def _is_same(points: F32, others: F32) -> bool:
@@ -395,6 +424,13 @@ def _shared_runs(made: PointCloud, cloud: PointCloud) -> float:
         return 0.0
     keys, *known = (one.copy().view(np.uint32).astype(np.uint64) @ RUN_KEY for one in (sample, *of_cloud))
     return float(np.isin(keys, np.concatenate(known)).mean())
+
+
+def _not_among(made: PointCloud, cloud: PointCloud) -> float:
+    """Share of the intensities of a cloud that another one has not, or less often, in any order."""
+    _, values = np.unique(np.concatenate([made.intensity, cloud.intensity]), return_inverse=True)
+    counts = (np.bincount(of, minlength=values.max() + 1) for of in np.split(values, [len(made)]))
+    return float(np.maximum(np.subtract(*counts), 0).sum() / len(made))
 
 
 def _found(points: F32, others: F32, cell_m: float) -> float:
@@ -443,7 +479,7 @@ def image_sources(
         frame, other = first.frame(pair.topic, IMAGE), first.frame(pair.sensor, IMAGE)
         if frame != other and (has_info(pair.topic) or (frame and other)):  # cameras that are triggered together
             return False
-        if has_info(pair.sensor) and not has_info(pair.topic) and frame == other != "":
+        if pair.is_stamped and has_info(pair.sensor) and not has_info(pair.topic) and frame == other != "":
             return True
         made, image = contents.at(pair.topic, pair.log_ns), contents.at(pair.sensor, pair.sensor_log_ns)
         least = MIN_COPY if has_info(pair.topic) else MIN_PATTERN  # pairs of stereo cameras share a frame

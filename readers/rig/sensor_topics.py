@@ -21,7 +21,16 @@ from lidcam.readers.messages.registry import types_of
 from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.natural_order import natural_key
 from lidcam.readers.recording import Recording, TopicInfo
-from lidcam.readers.rig.derived import PACKETS, cloud_sources, image_sources, is_computed, is_measured, is_world_frame
+from lidcam.readers.rig.derived import (
+    COMPUTED_FIELDS,
+    PACKETS,
+    RADAR_FIELDS,
+    cloud_sources,
+    has_fields,
+    image_sources,
+    is_measured,
+    is_world_frame,
+)
 from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.rig.topic_names import is_measured_image, is_truth, pair_score, place, transport_free
 from lidcam.readers.rig.undecoded import undecoded
@@ -250,8 +259,9 @@ def _hand_of_cloud(
             return 4, "a single message"
         if frame.endswith(OPTICAL):
             return 3, f"in {frame}, the frame of a camera"
-        if is_computed(info.topic, first):
-            return 3, "its fields are computed ones"
+        for fields, whose in ((COMPUTED_FIELDS, "computed ones"), (RADAR_FIELDS, "a radar's")):
+            if has_fields(info.topic, first, fields):
+                return 3, f"its fields are {whose}"
         return (2, MADE) if info.topic in MADE_OF_OTHERS else (1, MADE) if info.part_of else (0, "")
 
     return hand

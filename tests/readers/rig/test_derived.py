@@ -136,6 +136,12 @@ def corrected(frame: str, up_m: float = 0) -> Made:
     return of_sweep
 
 
+def in_another_order(one: Sweep) -> Iterable[RawMessage]:
+    kept = np.random.default_rng(5).permutation(len(one.xyz))[: len(one.xyz) * 3 // 4]
+    own = {"intensity": one.fields["intensity"][kept]}
+    yield cloud("/deskewed", one, (one.deskewed + np.array([0, 0, 1.9], np.float32))[kept], "base_link", own)
+
+
 def in_its_frame(one: Sweep) -> Iterable[RawMessage]:
     low = one.xyz[:, 2] < -1.5
     yield cloud("/a_filtered", one, one.xyz[::2], "velodyne")
@@ -148,6 +154,16 @@ def in_a_grid(one: Sweep) -> Iterable[RawMessage]:
     yield cloud("/downsampled", one, thinned(one.xyz, 0.1), "velodyne")
 
 
+def stamped(frame: str, shift_ns: int | None) -> Made:
+    """Obstacles whose node writes a stamp of its own, or none."""
+
+    def of_sweep(one: Sweep) -> Iterable[RawMessage]:
+        shift = -one.stamp_ns if shift_ns is None else shift_ns
+        yield cloud("/obstacles", one, one.xyz[one.xyz[:, 2] > -1.5], frame, shift_ns=shift)
+
+    return of_sweep
+
+
 def in_slam_origin(one: Sweep) -> Iterable[RawMessage]:
     yield cloud("/local_map", one, one.xyz + one.driven, "slam_origin")
     yield moved(one, "slam_origin", "tracker")
@@ -155,6 +171,10 @@ def in_slam_origin(one: Sweep) -> Iterable[RawMessage]:
 
 def of_a_stereo_camera(one: Sweep) -> Iterable[RawMessage]:
     yield cloud("/oak/points", one, one.xyz[::7] + 0.1, "oak_right_camera_optical_frame")
+
+
+def of_a_radar(one: Sweep) -> Iterable[RawMessage]:
+    yield cloud("/radar_front", one, one.xyz[:90], "radar", {"rcs": np.zeros(90), "vx_comp": np.zeros(90)}, shift_ns=7)
 
 
 def maps(one: Sweep) -> Iterable[RawMessage]:
@@ -207,12 +227,17 @@ VELODYNE, LEFT, LINK = (
         (lio_sam, False, [], []),
         (corrected("lidar_link"), False, [], []),
         (corrected("base_link", 1.9), True, [], []),
+        (in_another_order, False, [], []),
         (autoware, True, [VELODYNE], []),
         (in_its_frame, True, [], []),
         (in_its_frame, False, [], []),
         (in_a_grid, False, [], []),
+        (stamped("velodyne", 130_000_000), False, [], []),
+        (stamped("base_link", None), False, [("base_link", "velodyne", (0, 0, 0))], []),
+        (stamped("", None), True, [], []),
         (in_slam_origin, True, [VELODYNE], []),
         (of_a_stereo_camera, True, [VELODYNE], []),
+        (of_a_radar, False, [VELODYNE, ("base_link", "radar", (3, 0, 0.5))], []),
         (maps, True, [VELODYNE], []),
         (beside("left"), True, [VELODYNE, LEFT], ["/left/points"]),
         (beside("velodyne"), True, [VELODYNE], ["/left/points"]),  # whose driver writes the same frame
@@ -295,12 +320,11 @@ def texture(number: int) -> Array:
     return cv2.resize(chance.integers(0, 255, (24, 32, 3), np.uint8), (320, 240), interpolation=cv2.INTER_CUBIC)
 
 
-def picture(topic: str, one: Sweep, frame: str, pixels: Array | None = None) -> RawMessage:
-    shown = texture(one.number) if pixels is None else pixels
-    fields = image(shown, stamp_ns=one.stamp_ns, frame_id=frame)
-    return raw(
-        topic, "sensor_msgs/msg/Image", fields, one.stamp_ns, one.stamp_ns + (1 if pixels is None else 40) * 10**6
-    )
+def picture(topic: str, one: Sweep, frame: str, pixels: Array | None = None, shift_ns: int = 0) -> RawMessage:
+    shown, stamp_ns = texture(one.number) if pixels is None else pixels, one.stamp_ns + shift_ns
+    fields = image(shown, stamp_ns=stamp_ns, frame_id=frame)
+    log_ns = one.stamp_ns + (1 if pixels is None else 40) * 10**6
+    return raw(topic, "sensor_msgs/msg/Image", fields, stamp_ns, log_ns)
 
 
 def calibration(topic: str, one: Sweep, frame: str, share: float = 1.0) -> RawMessage:
@@ -317,8 +341,8 @@ def drawn_on(one: Sweep) -> Array:
     return shown
 
 
-def debug_image(frame: str) -> Made:
-    return lambda one: [picture("/yolo/debug_image", one, frame, drawn_on(one))]
+def debug_image(frame: str, shift_ns: int = 0) -> Made:
+    return lambda one: [picture("/yolo/debug_image", one, frame, drawn_on(one), shift_ns=shift_ns)]
 
 
 def colored_mask(one: Sweep) -> Iterable[RawMessage]:
@@ -345,6 +369,8 @@ def right(frame: str, shift_px: int) -> Made:
     [
         (debug_image("cam"), ["camera"]),
         (debug_image(""), ["camera"]),
+        (debug_image("cam", 150_000_000), ["camera"]),  # its node writes a stamp of its own
+        (debug_image("", 150_000_000), ["camera"]),
         (colored_mask, ["camera"]),
         (resized, ["camera"]),
         (right("cam", 1), ["camera", "right"]),  # frames of stereo pairs are that of the left camera
