@@ -36,6 +36,13 @@ def test_boxes_that_are_turned_round_do_not_turn_the_track() -> None:
     assert all(row.states[0, SPEED] > 0 for row in rows[10:])
 
 
+def test_boxes_that_do_not_show_the_front_do_not_choose_it() -> None:
+    frames = scene([Mover(straight(0, 0, 0, 0), turned=lambda index: index > 4)], 20)
+    for one in frames[5:]:
+        one.sightings.show_front[:] = False
+    assert all(abs(row.states[0, HEADING]) < 0.2 for row in tracked(frames))
+
+
 def test_wrong_headings_do_not_set_what_stands_spinning() -> None:
     # A parked car far away, as a real drive showed it.
     begin = [(0.2, -0.1, 0.43), (-0.2, 0.7, 1.01), (-0.3, 0.7, 1.01), (-0.1, 0.0, 1.95), (0.1, -0.1, 0.4)]
