@@ -22,8 +22,8 @@ from lidcam.pipeline.core.text import visible
 from lidcam.pipeline.parallel.cores import usable_cores
 from lidcam.readers.location import Location
 from lidcam.run.effect import settings_sha256
-from lidcam.run.job import Job, make_job
-from lidcam.run.options import SharedOptions, check_options
+from lidcam.run.job import Job, check_options, make_job
+from lidcam.run.options import SharedOptions
 
 logger = logging.getLogger(__name__)
 

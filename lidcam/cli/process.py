@@ -45,8 +45,9 @@ logger = logging.getLogger(__name__)
 # \b keeps the lines of a paragraph as they are.
 PROCESS_EXAMPLES = """\b
 Exit codes: 0 done, nothing is missing; 1 failed, nothing was written (if
---strict or --require is not met, the outputs are kept); 2 wrong usage; 3 done,
-but part of the recording could not be used. See the last lines on stderr.
+--strict or --require is not met, the outputs are kept); 2 wrong usage;
+3 done, but part of the recording could not be used. See the last lines on
+stderr.
 
 \b
 Examples:

@@ -123,7 +123,7 @@ def plot_speeds(objects: Objects, axes: Any, *, km_h: bool) -> Any:
     speeds = np.array([np.median(objects.speeds[part]) for part in parts]) * (KM_H if km_h else 1.0)
     classes = np.array([np.bincount(objects.class_ids[part]).argmax() for part in parts], np.int64)
     moved = np.array([objects.speeds[part].max() for part in parts]) >= MIN_MOVING_SPEED_M_S
-    axes.set_title(f"{moved.sum()} road users moved, {(~moved).sum()} stood", loc="left", fontsize=11)
+    axes.set_title(f"road users: {moved.sum()} moved, {(~moved).sum()} stood", loc="left", fontsize=11)
     speeds, classes = speeds[moved], classes[moved]
     fastest = max(float(speeds.max(initial=0.0)), 0.1)
     step = nice(fastest / SPEED_BINS)

@@ -1,16 +1,17 @@
 """A run as a value: everything it needs to know, nothing open. It can be pickled, and run in another process."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Unpack, get_args
+from typing import Any, Unpack, get_args
 
 from lidcam.pipeline.core.errors import CalibrationError, ConfigError, OutputError
 from lidcam.pipeline.core.settings.bundled import bundled, preset_or_file
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.validation import did_you_mean
 from lidcam.pipeline.core.text import brief
 from lidcam.pipeline.detectors.given import LIDCAMS_OWN, GivenDetectors
 from lidcam.readers.location import Location, RemotePath, location
@@ -19,7 +20,7 @@ from lidcam.readers.rig.rig_file import load_rig
 from lidcam.readers.rig.schema import RigFile
 from lidcam.run.choice import SettingsChoice, choose_settings
 from lidcam.run.effect import named_files
-from lidcam.run.options import DEFAULTS, JobOptions, OnBadMessage, check_options, with_job_keywords
+from lidcam.run.options import DEFAULTS, JobOptions, OnBadMessage, with_job_keywords
 
 DEFAULT_SETTINGS = SettingsChoice(Config())
 
@@ -100,6 +101,14 @@ SETTINGS_OF_OPTIONS = {
     "every": ["sync.every"],
 }
 """Options that set settings."""
+
+
+def check_options(given: Iterable[str], known: Any, function: str) -> None:
+    """Check that all options are of this typed dictionary; raises TypeError."""
+    names = known.__annotations__
+    if unknown := [name for name in given if name not in names]:
+        hint = did_you_mean(unknown[0], [*names])
+        raise TypeError(f"expected options of {function}, got {', '.join(unknown)}{hint}")
 
 
 @with_job_keywords(*ALL_OPTIONS)

@@ -2,7 +2,7 @@
 
 import inspect
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from textwrap import fill
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypedDict, TypeVar
 
@@ -124,20 +124,6 @@ DEFAULTS: JobOptions = {
 
 CLI_OPTIONS = tuple(name for name, kind in JobOptions.__annotations__.items() if hasattr(kind, "__metadata__"))
 """Those that the command line has."""
-
-
-def check_options(given: Iterable[str], known: Any, function: str) -> None:
-    """Check that all options are of this typed dictionary.
-
-    Raises:
-        TypeError: one is not.
-    """
-    names = known.__annotations__
-    if unknown := [name for name in given if name not in names]:
-        from lidcam.pipeline.core.settings.validation import did_you_mean
-
-        hint = did_you_mean(unknown[0], [*names])
-        raise TypeError(f"expected options of {function}, got {', '.join(unknown)}{hint}")
 
 
 def with_job_keywords(*names: str) -> Callable[[F], F]:

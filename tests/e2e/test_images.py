@@ -42,7 +42,7 @@ def made(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     outputs = (folder / "out.mcap", "--video", folder / "out.mp4", "--save-matches", folder / "images")
     done = process(sandbox, *outputs, *PART, "--workers", 1)
     assert done.returncode == 0, done.stderr
-    assert f"play {folder / 'out.mp4'}" in done.stdout
+    assert f"lidcam view {folder / 'out.mcap'} (or .mp4)" in done.stdout
     return folder
 
 

@@ -36,7 +36,7 @@ def test_a_small_installation_processes_exports_and_shows_the_demo(sandbox: Path
     assert [one.code for one in done] == [0] * 4, done
     (demo,) = called_apart(tmp_path, "gone = {'rerun', 'pyarrow'}" + WITHOUT, ("demo", "demo"))
     assert demo.code == 0, demo.err
-    assert "open sandbox.mcap in Foxglove" in demo.out
+    assert "lidcam view demo/sandbox.html (or .mcap)" in demo.out
     assert not list((tmp_path / "demo").glob("*.rrd"))
 
 

@@ -50,7 +50,7 @@ _OWN_SIZE_M = np.array([4.5, 1.8, 1.5])
 """Length, width and height of an ordinary car: no recording says how large the vehicle is that carries the sensors."""
 
 OWN_VEHICLE, WAY = (190, 195, 205), (225, 190, 90)
-"""Colours of the vehicle that carries the sensors, and of its way."""
+"""Colours of the vehicle that carries the sensors, and of its path."""
 
 
 def cloud_points(combined: CombinedCloud, heights: tuple[float, float]) -> rr.Points3D:
@@ -111,7 +111,7 @@ def legend(class_names: Sequence[str]) -> rr.Points2D:
     named = [(name, class_color(class_id).bytes_rgb) for class_id, name in enumerate(class_names)]
     named += [("2D box, matched", MATCHED.bytes_rgb), ("2D box alone", CAMERA_ONLY.bytes_rgb)]
     named += [("ground truth", TRUTH.bytes_rgb), ("zone", ZONE.bytes_rgb)]
-    named += [("own vehicle", OWN_VEHICLE), ("its way", WAY)]
+    named += [("own vehicle", OWN_VEHICLE), ("own path", WAY)]
     rows = np.arange(len(named))
     return rr.Points2D(
         np.stack([rows % 2 + 0.5, rows // 2 * LEGEND_STEP], 1),

@@ -139,7 +139,7 @@ def test_process_and_evaluate_in_one(tmp_path: Path, capsys: pytest.CaptureFixtu
     with pytest.raises(CheckError, match=r"^frames: expected > 100, found 2$"):
         run_process(job, json_file=file, requirements=required)
     out = capsys.readouterr().out
-    assert re.match(r"2 frames in [\d.]+ s, [\d.]+ per second\n", out)
+    assert re.match(r"2 frames in [\d.]+ s, [\d.]+ per second; 3 lidars, 8 cameras; ", out)
     assert "\n\nout.mcap: 2 of 2 frames have ground truth" in out
     tree = valid(file.read_text(encoding="utf-8"))
     assert (tree["command"], tree["exit_code"]) == ("process", 1)
