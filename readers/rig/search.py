@@ -91,7 +91,10 @@ def find_sensors(
     transforms, of_rig = _with_rig(recorded, rig_file)
     of_lidars, of_cameras, of_detectors = Findings(), Findings(), Findings()
     detectors = find_detector_topics(recording, config, first, of_detectors)
-    lidar_topics = find_lidar_topics(recording, config.topics, first, of_lidars, transforms)
+    named_topics = {
+        entry.topic for entries in (rig_file.lidars, rig_file.cameras) for entry in (entries or {}).values()
+    }
+    lidar_topics = find_lidar_topics(recording, config.topics, first, of_lidars, transforms, of_rig=named_topics)
     lidars = assign_lidars(rig_file.lidars, lidar_topics, recording, of_lidars)
     if not lidars and not detectors and rig_file.lidars == {}:
         raise CalibrationError("the rig file says `lidars: {}`, no lidar: name one, or leave `lidars` out to use all")
@@ -99,7 +102,9 @@ def find_sensors(
         raise CalibrationError("the settings say `topics.lidars: []`, no lidar: name one, or leave it out to use all")
     if not lidars and not detectors and not of_lidars.faults:
         raise RecordingError(_no_clouds(recording, config, of_detectors))
-    camera_topics = find_camera_topics(recording, config.topics, first, of_cameras, limits=config.limits)
+    camera_topics = find_camera_topics(
+        recording, config.topics, first, of_cameras, limits=config.limits, of_rig=named_topics
+    )
     taken = {lidar.name for lidar in lidars} | {"lidar", "fused"}
     cameras = assign_cameras(rig_file.cameras, camera_topics, recording, of_cameras, taken=taken)
 

@@ -9,7 +9,7 @@ frame; among several by frame, then by the longest common beginning, then in ord
 single camera.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import NamedTuple
@@ -107,8 +107,10 @@ def find_lidar_topics(
     first: FirstMessages,
     findings: Findings,
     transforms: RecordedTransforms | None = None,
+    *,
+    of_rig: Collection[str] = (),
 ) -> list[str]:
-    """Topics of clouds, in natural order or as configured.
+    """Topics of clouds, in natural order or as configured; those of the rig file (`of_rig`) were made of no other.
 
     Packets are not used where the clouds that the driver made of them were recorded. Without `transforms` none were
     recorded.
@@ -133,7 +135,7 @@ def find_lidar_topics(
     unreadable = [info for info in recorded if info.unreadable]
     chosen = _readable(_before_copies([*chosen, *unreadable], first, notes), "lidar", findings)
     sources = cloud_sources(recording, chosen, first, transforms)
-    return _sensors(sources, "lidars", notes, was_choice=len(notes) > before)
+    return _sensors(sources, "lidars", notes, of_rig, was_choice=len(notes) > before)
 
 
 def find_camera_topics(
@@ -143,8 +145,12 @@ def find_camera_topics(
     findings: Findings,
     *,
     limits: RecordingLimits = DEFAULT_LIMITS,
+    of_rig: Collection[str] = (),
 ) -> list[CameraTopics]:
-    """Cameras, in natural order or as configured; those with boxes but no images come last."""
+    """Cameras, in natural order or as configured; those with boxes but no images come last.
+
+    Images of the rig file (`of_rig`) were made of no others.
+    """
     notes = findings.notes
     calibrations = sorted(readable_topics(recording, CAMERA_INFO), key=natural_key)
     boxes = [info.topic for info in topics_with_messages(recording, BOXES, config) if not info.unreadable]
@@ -160,7 +166,7 @@ def find_camera_topics(
         images = _one_per_camera(_first_hand(infos, notes, _hand_of_image), first, notes)
         places = {place(topic) for topic in calibrations}
         sources = image_sources(recording, images, first, limits, has_info=lambda topic: place(topic) in places)
-        images = _sensors(sources, "cameras", notes)
+        images = _sensors(sources, "cameras", notes, of_rig)
         only_boxes_allowed = set(boxes)
 
     frames = {topic: first.frame(topic, IMAGE) for topic in images}
@@ -267,11 +273,13 @@ def _hand_of_cloud(
     return hand
 
 
-def _sensors(sources: Mapping[str, str], kind: str, notes: list[str], *, was_choice: bool = False) -> list[str]:
+def _sensors(
+    sources: Mapping[str, str], kind: str, notes: list[str], of_rig: Collection[str], *, was_choice: bool = False
+) -> list[str]:
     """The topics that were not made of others, in natural order; notes name the others, and how to choose."""
-    made = [topic for topic in sources if sources[topic]]
+    made = [topic for topic in sources if sources[topic] and topic not in of_rig]
     notes += [f"{topic}: made of {sources[topic]}, not used" for topic in sorted(made, key=natural_key)]
-    sensors = sorted((topic for topic in sources if not sources[topic]), key=natural_key)
+    sensors = sorted((topic for topic in sources if topic not in made), key=natural_key)
     if made or was_choice:
         notes.append(f"{kind}: {', '.join(sensors)}; to choose others: --set 'topics.{kind}=[{','.join(sensors)}]'")
     return sensors

@@ -17,6 +17,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.recording import VelodyneConfig
 from lidcam.readers.rig.discovery import Discovery, discover_rig
+from lidcam.readers.rig.schema import RigFile
 from lidcam.readers.velodyne.decoder import VelodyneDecoder
 
 START_NS, STEP_NS, SWEEPS = 1_700_000_000 * 10**9, 100_000_000, 12
@@ -291,6 +292,13 @@ def test_a_lidar_whose_frame_carries_another_is_used() -> None:
 def test_a_second_lidar_in_a_frame_that_tf_lacks_is_a_fault(edges: list[RawMessage]) -> None:
     found = discover([*recorded(beside("left"))[1:], *edges])
     assert [fault.topic for fault in found.faults if fault.sensor != "camera"] == [RAW if not edges else "/left/points"]
+
+
+def test_what_the_rig_file_names_is_a_sensor() -> None:
+    rig = RigFile.model_validate({"lidars": {"one": {"topic": RAW}, "other": {"topic": "/deskewed"}}})
+    found = discover_rig(MemoryRecording(recorded(corrected("velodyne"))), Config(), rig)
+    assert [lidar.topic for lidar in found.rig.lidars] == [RAW, "/deskewed"]
+    assert not any("made of" in note for note in found.notes)
 
 
 def test_a_cloud_made_of_packets_is_no_lidar() -> None:
