@@ -155,9 +155,10 @@ def with_possible_turns(motions: Motions, rolling_m_s: F64) -> Motions:
 
     `rolling_m_s` (N,) is the last column of the noise of `Priors`; where it is 0, any yaw rate is possible.
     """
-    max_rad_s = np.abs(motions.states[:, SPEED]) / np.where(rolling_m_s > 0, rolling_m_s, np.inf)
+    rolling = np.maximum(rolling_m_s, 1e-9)
+    max_rad_s = np.where(rolling_m_s > 0, np.abs(motions.states[:, SPEED]) / rolling, np.inf)
     states = motions.states.copy()
-    states[:, TURN] = np.where(rolling_m_s > 0, np.clip(states[:, TURN], -max_rad_s, max_rad_s), states[:, TURN])
+    states[:, TURN] = np.clip(states[:, TURN], -max_rad_s, max_rad_s)
     return Motions(states, motions.covariances)
 
 

@@ -27,8 +27,8 @@ def underside_variances(point_counts: I32) -> F64:
     return np.asarray(UNDERSIDE_SIGMA_M**2 * (1 + UNDERSIDE_POINTS / np.maximum(point_counts, 1)))
 
 
-def climb_variances(objects_m: F64, rig_m: F64 | float) -> F64:
-    """(N,) variances of the change of z while objects (N,) and the rig move so far, metres."""
+def climb_variances(objects_m: F64, rig_m: F64) -> F64:
+    """(N,) variances of the change of z while objects (N,) and the rig (N,) move so far, metres."""
     return np.asarray(SLOPE_SIGMA_M**2 * objects_m + DRIFT_SIGMA_M**2 * rig_m)
 
 

@@ -39,14 +39,14 @@ def test_each_track_is_its_most_probable_random_walk(seed: int, lengths: list[in
 def test_a_parked_car_is_as_high_far_away_as_near() -> None:
     points = np.array([20] * 10 + [2000] * 10, np.int32)
     z_m = np.where(points == 20, 0.2, 0.0)
-    climbs = climb_variances(np.zeros(20), 1.0)
+    climbs = climb_variances(np.zeros(20), np.ones(20))
     found = smoothed_undersides(courses([0], [19]), np.ones(20, np.bool_), z_m, underside_variances(points), climbs)
     assert found.max() < 0.05
 
 
 def test_what_drives_uphill_is_followed() -> None:
     z_m = 0.05 * np.arange(30.0)
-    climbs = climb_variances(np.ones(30), 0.0)
+    climbs = climb_variances(np.ones(30), np.zeros(30))
     variances = underside_variances(np.full(30, 1000, np.int32))
     found = smoothed_undersides(courses([0], [29]), np.ones(30, np.bool_), z_m, variances, climbs)
     assert found == pytest.approx(z_m, abs=0.11)
