@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Bools, replace_rows
+from lidcam.pipeline.core.arrays import F64, I64, Bools
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes3D, Matches, Source
 from lidcam.pipeline.core.geometry.overlaps import OVERLAP_SHARE, overlap_shares, without_overlaps
@@ -15,18 +15,10 @@ from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.detect import ClusterConfig
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
-from lidcam.pipeline.detectors.protocols import Candidates3D
 from lidcam.pipeline.fusion.cameras.placing import Placed
 from lidcam.pipeline.fusion.cameras.sightings import Sightings
 from lidcam.pipeline.fusion.proposals.fitted import ObjectFitter
-from lidcam.pipeline.fusion.proposals.parting import (
-    choose_parts,
-    find_duplicates,
-    find_enclosing,
-    find_merged,
-    find_partners,
-    has_room,
-)
+from lidcam.pipeline.fusion.proposals.partners import find_duplicates, find_partners
 
 MIN_SAME_IOU = 0.5
 """Minimum IoU of a box of the lidars and a proposed one that are the same object, matched or not."""
@@ -57,15 +49,14 @@ class Propose:
     """The boxes of the lidars in their order, then objects of 2D boxes that have no partner among them.
 
     The points in the frustum of a 2D box become an object of source BOTH; without points, the object stays where the
-    cameras place it, with source CAMERA. A cluster in the frustums of two 2D boxes of one camera holds two objects and
-    is split. An object is left out if the standard deviation of its position by the cameras exceeds half of the
-    diagonal of the largest object of its class.
+    cameras place it, with source CAMERA. An object is left out if it overlaps with a matched box of the lidars, or if
+    the standard deviation of its position by the cameras exceeds half of the diagonal of the largest object of its
+    class.
     """
 
     def __init__(self, rig: Rig, fitter: BoxFitter, config: ClusterConfig, classes: Sequence[ClassPrior]) -> None:
         self._names = tuple(camera.name for camera in rig.cameras)
         max_size_m = np.array([prior.max_size_m for prior in classes])
-        self._ground_m2 = np.array([prior.size_m[0] * prior.size_m[1] for prior in classes])
         self._max_ground_m2 = max_size_m[:, 0] * max_size_m[:, 1]
         self._max_std_m = np.hypot(max_size_m[:, 0], max_size_m[:, 1]) / 2
         self._fit = ObjectFitter(rig, fitter, config, classes)
@@ -82,9 +73,8 @@ class Propose:
             placed: The 2D boxes, and the objects placed by cameras alone.
         """
         sightings = placed.sightings
-        partner, iou = find_partners(sightings, matches, self._names)
-        too_large = self._is_too_large(lidar, sightings, partner)
-        partner[too_large], iou[too_large] = -1, 0.0
+        partner = find_partners(sightings, matches, self._names)
+        partner[self._is_too_large(lidar, sightings, partner)] = -1
         is_served = (partner >= 0) | find_duplicates(sightings, partner)
         alone = np.flatnonzero(~is_served)
         left_out = Counter({OUT_OF_IMAGE: placed.out_of_image, TOO_MANY: max(len(alone) - MAX_UNMATCHED, 0)})
@@ -95,18 +85,11 @@ class Propose:
         is_matched[partner[partner >= 0]] = True
         found = self._fit(combined, sightings.select(alone), placed.placements.select(alone))
         seen = alone[found.sighting]
-        clusters = find_enclosing(combined.detection_cloud.xyz, found.rows, found.starts, lidar)
-        merged = find_merged(sightings, partner, seen, clusters)
-        needed_m2 = self._ground_m2[sightings.class_ids[seen]] + self._ground_m2[sightings.class_ids[merged]]
-        within = np.flatnonzero((merged >= 0) & has_room(_ground_m2(lidar), clusters, needed_m2))
-        lidar, parts, parted = self._parted(combined, lidar, placed, (partner, iou), seen[within], merged[within])
-        free = np.lexsort((seen, -found.worth))
-        free = free[merged[free] < 0]
-        boxes = _as_boxes(found.boxes, lidar)
-        boxes = parts.joined(boxes.select(free[~_are_lidar_boxes(boxes, lidar, is_matched)[free]]))
+        ranked = np.lexsort((seen, -found.worth))
+        boxes = found.boxes.as_boxes(ranked, lidar.stamp_ns, lidar.frame_id, Source.BOTH)
+        boxes = boxes.select(~_are_lidar_boxes(boxes, lidar, is_matched))
         new = boxes.select(without_overlaps(boxes))
-        is_served[seen[merged < 0]] = True
-        is_served[parted] = True
+        is_served[seen] = True
         unserved = np.zeros(len(placed.boxes), np.bool_)
         unserved[placed.objects[alone]] = True
         unserved[placed.objects[is_served]] = False
@@ -123,42 +106,6 @@ class Propose:
         rows = np.flatnonzero(partner >= 0)
         too_large[rows] = _ground_m2(lidar)[partner[rows]] > self._max_ground_m2[sightings.class_ids[rows]]
         return too_large
-
-    def _parted(
-        self,
-        combined: CombinedCloud,
-        lidar: Boxes3D,
-        placed: Placed,
-        partners: tuple[I64, F64],
-        seen: I64,
-        owners: I64,
-    ) -> tuple[Boxes3D, Boxes3D, I64]:
-        """The boxes of the lidars, with merged ones reduced to one object; the other objects; their 2D boxes.
-
-        Args:
-            combined: The cloud.
-            lidar: The boxes of the lidars.
-            placed: The 2D boxes, and their placements.
-            partners: Row of the 3D box matched with each 2D box, and their overlap.
-            seen: (U,) 2D boxes with the cluster of another 2D box in their frustum.
-            owners: (U,) that other 2D box.
-        """
-        partner, iou = partners
-        rows = np.union1d(seen, owners)
-        if not len(rows):
-            return lidar, lidar.select(rows), rows
-        owner = rows.copy()
-        owner[np.searchsorted(rows, seen)] = owners
-        sightings = placed.sightings.select(rows)
-        found = self._fit(combined, sightings, placed.placements.select(rows), owner)
-        row, ground_m2 = rows[found.sighting], self._ground_m2[sightings.class_ids[found.sighting]]
-        kept, other = choose_parts(found.iou, row, owner[found.sighting], ground_m2, partner, iou, _ground_m2(lidar))
-        boxes = _as_boxes(found.boxes, lidar)
-        return replace_rows(lidar, partner[row[kept]], boxes.select(kept)), boxes.select(other), row[other]
-
-
-def _as_boxes(found: Candidates3D, lidar: Boxes3D) -> Boxes3D:
-    return found.as_boxes(np.arange(len(found.scores)), lidar.stamp_ns, lidar.frame_id, Source.BOTH)
 
 
 def _are_lidar_boxes(boxes: Boxes3D, lidar: Boxes3D, is_matched: Bools) -> Bools:

@@ -26,7 +26,6 @@ from lidcam.pipeline.fusion.proposals.frustums import (
     heading_of,
     points_in_frustums,
 )
-from lidcam.pipeline.fusion.proposals.parting import share_points
 
 MIN_POINTS = 4
 """Minimum number of points of an object; the 2D box makes up for few points."""
@@ -49,10 +48,7 @@ class FittedObjects(NamedTuple):
 
     sighting: I64  # (G,) int64 row of the 2D box of each, rising
     boxes: Candidates3D  # Fitted boxes, with the classes of the 2D boxes
-    iou: F64  # (G,) float64 overlap of the projected box with that 2D box
     worth: F64  # (G,) float64 log likelihood of its points given the 2D box, up to a constant
-    rows: I64  # (P,) int64 rows of its points in `CombinedCloud.detection_cloud`, object after object
-    starts: I64  # (G,) int64 first of `rows` of each object
 
 
 class ObjectFitter:
@@ -65,34 +61,24 @@ class ObjectFitter:
         self._size = np.array([prior.size_m for prior in classes])
         self._max_size = np.array([prior.max_size_m for prior in classes])
 
-    def __call__(
-        self, combined: CombinedCloud, sightings: Sightings, placements: Placements, owner: I64 | None = None
-    ) -> FittedObjects:
-        """The objects of the 2D boxes that have points.
+    def __call__(self, combined: CombinedCloud, sightings: Sightings, placements: Placements) -> FittedObjects:
+        """The objects of the 2D boxes that have points; a point may belong to several objects.
 
         Args:
             combined: The cloud of the frame.
             sightings: S 2D boxes.
             placements: Placements of their objects.
-            owner: (S,) as in `share_points`; None: a point may belong to several objects.
         """
         expected = self._expected(sightings, placements)
         found, link_m = self._points(combined, sightings, expected)
-        if owner is not None:
-            shared = share_points(found, owner)
-            found, link_m = found.select(shared), link_m[shared]
         segments = choose_segments(combined.detection_cloud.xyz, found, link_m, expected, MIN_POINTS)
         rows = found.rows[segments.points]
         boxes = self._fitter(combined, rows, segments.starts, sightings.class_ids[segments.group])
-        iou = _iou_with(sightings.select(segments.group), boxes)
-        kept, counts = iou >= MIN_IOU, np.diff(segments.starts, append=len(rows))
+        kept = _iou_with(sightings.select(segments.group), boxes) >= MIN_IOU
         return FittedObjects(
             sighting=segments.group[kept],
             boxes=Candidates3D(*map(itemgetter(kept), boxes)),
-            iou=iou[kept],
             worth=segments.worth[kept],
-            rows=rows[np.repeat(kept, counts)],
-            starts=np.cumsum(counts[kept]) - counts[kept],
         )
 
     def _expected(self, sightings: Sightings, placements: Placements) -> Expected:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from detections import boxes3d, camera_rig
+from detections import boxes2d, boxes3d, camera_rig
 from fusion_stages import associate_of, place_of, propose_of
 from lidar_scene import combined, rig, scan
 from seen_boxes import Box, camera_at, seen_by, views_of
@@ -20,12 +20,11 @@ from lidcam.pipeline.stages.detect3d import Detect3D
 from lidcam.pipeline.stages.propose import Proposed
 
 CONFIG = Config()
-CAR, PEDESTRIAN, BICYCLE = 0, 1, 2
+CAR, BICYCLE, TRUCK = 0, 2, 3
 LIDAR = (0.0, 0.0, 1.8)
 CAMERA = camera_at("cam", (0.0, 0.0, 1.6))
 CAR_BOX: Box = (16.0, 2.0, 0.775, 4.2, 1.75, 1.55, 0.2)
 OTHER: Box = (18.0, -5.0, 0.775, 4.0, 1.7, 1.55, -0.4)
-WALKERS: list[Box] = [(8.0, 0.3, 0.87, 0.5, 0.5, 1.75, 0.0), (8.3, -0.5, 0.87, 0.5, 0.5, 1.75, 0.0)]
 
 
 def with_cameras(*cameras: CameraSensor) -> Rig:
@@ -118,18 +117,14 @@ def test_confirmed_box_is_not_replaced_by_what_another_camera_makes_of_it() -> N
     assert len(found) == len(lidar) == 1
 
 
-def test_merged_pedestrians_are_parted() -> None:
-    boxes = {"cam": seen_by(CAMERA, WALKERS, [PEDESTRIAN] * 2)}
-    points = cloud_of(*WALKERS)
-    # What the lidar makes of the two: one box around both, matched with one of the 2D boxes.
-    merged = replace(boxes3d([(8.15, -0.1, 0.87, 0.8, 1.3, 1.75, 0.0)], class_ids=[PEDESTRIAN]), stamp_ns=7)
-    lidar, found = propose(points, merged, boxes, CAMERA)
-    assert found.sources.tolist() == [Source.BOTH, Source.BOTH]
-    gap = np.abs(found.centers[:, None, :2] - np.array(WALKERS)[:, :2]).max(-1)
-    assert sorted(gap.argmin(1).tolist()) == [0, 1]
-    assert gap.min(1).max() < 0.3  # half of a body: its points are taken for all of it
-    assert found.sizes[:, 1].max() < 0.9
-    assert lidar is merged
+def test_sure_box_of_the_lidars_is_not_split_by_a_doubtful_2d_box_within_it() -> None:
+    lorry = (12.0, 4.0, 1.65, 13.6, 2.5, 3.3, 0.0)
+    left, top, right, bottom = seen_by(CAMERA, [lorry], [TRUCK]).xyxy[0].tolist()
+    inside = (left, (top + bottom) / 2, (left + right) / 2, bottom)
+    boxes = {"cam": boxes2d([(left, top, right, bottom, 0.8, TRUCK), (*inside, 0.2, CAR)], frame_id="cam")}
+    lidar = replace(boxes3d([lorry], class_ids=[TRUCK]), stamp_ns=7)
+    _, found = propose(cloud_of(lorry), lidar, boxes, CAMERA)
+    np.testing.assert_array_equal(found.sizes, lidar.sizes)
 
 
 def test_cyclist_in_a_cluster_that_is_taken_for_a_car_gets_a_box_of_its_own() -> None:
