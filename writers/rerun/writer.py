@@ -249,6 +249,8 @@ class RerunResultWriter(ResultWriter):
         if not self._has_vehicle and (motion is not None or result.odometry is not None):
             middle = np.array([*self._survey.middle[:2], self._survey.ground_m])
             self._recording.log(VEHICLE, archetypes.own_vehicle(middle, front_of_rig(self._rig)), static=True)
+            own = archetypes.legend(self._config.object_names, is_own=True)
+            self._recording.log(f"{LEGEND}/own", own, static=True)
             self._has_vehicle = True
         if motion is None:
             return
