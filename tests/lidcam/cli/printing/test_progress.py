@@ -6,7 +6,6 @@ import re
 
 import pytest
 from rich.console import Console
-from rich.text import Text
 
 from lidcam.cli.printing.log import progress_log
 from lidcam.cli.printing.progress import show_progress, show_training
@@ -45,10 +44,7 @@ def test_facts_of_a_long_recording_leave_room_for_the_time_left() -> None:
     text = io.StringIO()
     with show_progress(3600.0, err=Console(file=text, force_terminal=True, width=80)) as advance:
         advance(1234.5, "12345 frames, 12.1/s, 123456 detections, 12000 written, 1234 dropped")
-    drawn = Text.from_ansi(text.getvalue()).plain
-    assert "1234.5 of 3600.0 s" in drawn
-    assert "1234 dropped" in drawn
-    assert re.search("12345 frames.* -:--:--", drawn)
+    assert re.search("1234.5 of 3600.0 s.*12345 frames.*-:--:--.*1234 dropped", text.getvalue(), re.DOTALL)
 
 
 def test_a_line_every_ten_seconds(caplog: pytest.LogCaptureFixture) -> None:
