@@ -189,11 +189,10 @@ def _places(paths: Sequence[str], out: str | None) -> "tuple[list[Location], Any
             raise typer.BadParameter(f"on a server, name the result: {out}/OUT.mcap", param_hint="--out")
         return inputs, folder / f"{recording_stem(inputs[0].name)}.mcap", folder
     if not last.name.endswith(".mcap"):
-        raise typer.BadParameter(
-            f"the output comes last and ends in .mcap, found {last}; for several recordings: "
-            f"lidcam batch {shlex.join(paths)} --out DIR",
-            param_hint="OUT.mcap",
-        )
+        is_recording = last.name.endswith(ENDINGS) or (isinstance(last, Path) and last.exists())
+        several = f"; for several recordings: lidcam batch {shlex.join(paths)} --out DIR"
+        what = several if is_recording else " (see --rerun, --report, --objects)"
+        raise typer.BadParameter(f"the output comes last and ends in .mcap, found {last}{what}", param_hint="OUT.mcap")
     return inputs, last, None
 
 
