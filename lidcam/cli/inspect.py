@@ -62,7 +62,7 @@ def inspect(
         bool,
         typer.Option(
             "--check",
-            help="Process it all to check poses and clocks, which --write-rig corrects.",
+            help="Process the whole recording to check poses and clocks; --write-rig corrects them.",
             rich_help_panel=CHECKING,
         ),
     ] = False,

@@ -75,7 +75,11 @@ def process(
     out: Annotated[
         str | None,
         typer.Option(
-            "--out", "-o", metavar="DIR|OUT.mcap", help="Folder or file of the result.", rich_help_panel=OUTPUTS
+            "--out",
+            "-o",
+            metavar="DIR|OUT.mcap",
+            help="Folder or file to write the result to.",
+            rich_help_panel=OUTPUTS,
         ),
     ] = None,
     rerun: Annotated[str | None, output_option("Also write a Rerun recording.", *endings_of("--rerun"))] = None,
@@ -86,9 +90,7 @@ def process(
     report: Annotated[str | None, output_option("Also write a page about the result.", *endings_of("--report"))] = None,
     video: Annotated[
         str | None,
-        output_option(
-            "Also write a film of all cameras and the site from above (extra video).", *endings_of("--video")
-        ),
+        output_option("Also write a film: all cameras and a top view (extra video).", *endings_of("--video")),
     ] = None,
     print_detections: Annotated[
         bool,
