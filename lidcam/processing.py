@@ -80,6 +80,9 @@ class RunObserver:
     def advanced(self, progress: RunProgress) -> None:
         """A frame has passed the stages, or is written."""
 
+    def finishing(self) -> None:
+        """All frames are written; what is made of the result, such as a report, follows."""
+
 
 def process_recording(job: Job, observer: RunObserver | None = None) -> RunSummary:
     """Process a recording to its end.
@@ -107,6 +110,7 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunSumma
             for frame in frames:
                 observer.frame(frame)
             whole = inputs.finish()
+        observer.finishing()
         make_pages(job, outputs)
         changed = [file.path for file in (*whole, *inputs.named.values()) if file.is_changed]
         return run.summary(whole, written, how_to_open(job), changed)
@@ -358,8 +362,7 @@ def _workers(source: RunInput) -> int:
 
 
 def _advance(run: Run, inputs: InputFiles, observer: RunObserver) -> None:
-    progress = run.progress
-    recording = run.source.recording
+    progress, recording = run.progress, run.source.recording
     logged_ns, all_ns = progress.log_time_ns - recording.start_ns, recording.end_ns - recording.start_ns
     inputs.read_up_to(logged_ns / max(all_ns, 1))
     observer.advanced(progress)

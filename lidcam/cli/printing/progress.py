@@ -77,7 +77,7 @@ def show_share(
     last_s, last_line = clock(), ""
     columns = (
         TextColumn("{task.fields[text]}", markup=False),
-        BarColumn(bar_width=12),
+        BarColumn(bar_width=8),
         TextColumn("{task.description}", markup=False, table_column=Column()),  # is folded where it is too long
         TimeRemainingColumn(),
     )

@@ -33,8 +33,8 @@ class ShownProgress(RunObserver):
         recording, window = source.recording, source.window
         self._start_ns = window.start_ns or recording.start_ns
         stop_ns = min(window.stop_ns or recording.end_ns, recording.end_ns)
-        self._started_s = time.monotonic()
-        bar = show_progress((stop_ns - self._start_ns) / 1e9, whatever_is_logged=self._whatever_is_logged)
+        self._started_s, self._seconds = time.monotonic(), (stop_ns - self._start_ns) / 1e9
+        bar = show_progress(self._seconds, whatever_is_logged=self._whatever_is_logged)
         self._advance = self._stack.enter_context(bar)
 
     def advanced(self, progress: RunProgress) -> None:
@@ -46,6 +46,10 @@ class ShownProgress(RunObserver):
             (progress.log_time_ns - self._start_ns) / 1e9,
             f"{progress.frames} frames, {rate_hz:.1f}/s, {progress.detections} detections, {written}{drops}",
         )
+
+    def finishing(self) -> None:
+        """Show that only the outputs of the whole result are left."""
+        self._advance(self._seconds, "all frames written, finishing the outputs")
 
 
 class ShownRun(RunObserver):
@@ -86,3 +90,7 @@ class ShownRun(RunObserver):
     def advanced(self, progress: RunProgress) -> None:
         """Show the progress."""
         self._progress.advanced(progress)
+
+    def finishing(self) -> None:
+        """Show what is left."""
+        self._progress.finishing()
