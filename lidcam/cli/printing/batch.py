@@ -14,9 +14,6 @@ from lidcam.cli.printing.tables import ColumnsTable
 MAX_ROWS = 30
 """Maximum number of recordings that all have a row."""
 
-MAX_MESSAGE = 100
-"""Maximum number of characters of a message below the table; the file has all of it."""
-
 
 @contextmanager
 def shown_batch(jobs: Sequence[BatchJob]) -> Iterator[Callable[[JobRecord], None]]:
@@ -48,6 +45,5 @@ def print_batch(out: Console, records: Sequence[JobRecord], *, everything: bool 
     failed = [one for one in records if one.state == "failed"]
     for one in shown if failed else ():  # the verdict has the first failure, or if there is none, all messages
         if one.message and one is not failed[0]:
-            message = one.message if len(one.message) <= MAX_MESSAGE else f"{one.message[:MAX_MESSAGE].rstrip()} ..."
-            show_line(out, f"{one.name}: {message}")
+            show_line(out, f"{one.name}: {one.message}")
     show_line(out, totals_line(records), "bold")
