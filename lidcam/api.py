@@ -228,7 +228,7 @@ def batch(
     progress: bool = False,
     **options: Unpack[SharedOptions],
 ) -> BatchResult:
-    """Process many recordings, each in a process of its own: one result each, and a table of all.
+    """Process many recordings, each in a process of its own: one result each, and a summary table.
 
     A second call processes only what is missing or changed: recording, settings, rig, network or version. If one
     recording fails, the others go on.

@@ -78,7 +78,10 @@ class RunObserver:
         """A frame has its tracks and is written. Frames arrive in order; with offline tracks, up to a window late."""
 
     def advanced(self, progress: RunProgress) -> None:
-        """A frame has passed the stages, and the frames that it completes are written."""
+        """A frame has passed the stages, or is written."""
+
+    def finishing(self) -> None:
+        """All frames are written; what is made of the result, such as a report, follows."""
 
 
 def process_recording(job: Job, observer: RunObserver | None = None) -> RunSummary:
@@ -107,6 +110,7 @@ def process_recording(job: Job, observer: RunObserver | None = None) -> RunSumma
             for frame in frames:
                 observer.frame(frame)
             whole = inputs.finish()
+        observer.finishing()
         make_pages(job, outputs)
         changed = [file.path for file in (*whole, *inputs.named.values()) if file.is_changed]
         return run.summary(whole, written, how_to_open(job), changed)
@@ -208,19 +212,19 @@ class Run:
         self,
         writers: Sequence[ResultWriter] = (),
         folder: Path | None = None,
-        passed: Callable[[], None] = lambda: None,
+        advanced: Callable[[], None] = lambda: None,
     ) -> Generator[Frame, None, None]:
         """The frames, in order, with their tracks, each written before it is yielded; to be read once.
 
         Args:
             writers: Get each frame before it is yielded.
             folder: Folder for frames that wait for their tracks; None for the system's temporary folder.
-            passed: Called for each frame that has passed the stages, once all frames that it completes were yielded.
+            advanced: Called after each frame that has passed the stages, and after each that was yielded.
         """
         started, graph, scenes = time.perf_counter(), self._graph, drawn_scenes(self.source)
         self._count_early_drops()
         with ExitStack() as stack:
-            frames = stack.enter_context(closing(self._results(passed)))
+            frames = stack.enter_context(closing(self._results(advanced)))
             if self._tracker is not None:
                 stage = partial(graph.stage, "track")
                 frames = stack.enter_context(closing(tracked(frames, self._tracker, folder, stage)))
@@ -238,17 +242,18 @@ class Run:
                 facts = bundle.index, bundle.stamp_ns, len(bundle.messages), objects
                 logger.debug("frame %d, %d ns: %d topics, %d objects", *facts)
                 yield Frame.of(frame, scenes, self.source.rig, self.source.config.object_names)
+                advanced()
         self._seconds += time.perf_counter() - started
         if self._tally.frames == 0:
             raise RecordingError(no_frames(self.source, self._drops))
 
-    def _results(self, passed: Callable[[], None]) -> Generator[FrameResult, None, None]:
+    def _results(self, advanced: Callable[[], None]) -> Generator[FrameResult, None, None]:
         with closing(self._stages()) as frames:
             for frame in frames:
                 self._passed, self._log_time_ns = self._passed + 1, frame.bundle.log_time_ns
                 self._detections += len(frame.fused.objects)
                 yield frame
-                passed()
+                advanced()
 
     def _stages(self) -> Generator[FrameResult, None, None]:
         return shared_results(
@@ -274,7 +279,7 @@ class Run:
     @property
     def progress(self) -> RunProgress:
         """The progress of the run."""
-        return RunProgress(self._passed, self._detections, self._drops.total, self._log_time_ns)
+        return RunProgress(self._passed, self._tally.frames, self._detections, self._drops.total, self._log_time_ns)
 
     def summary(
         self,
@@ -357,8 +362,7 @@ def _workers(source: RunInput) -> int:
 
 
 def _advance(run: Run, inputs: InputFiles, observer: RunObserver) -> None:
-    progress = run.progress
-    recording = run.source.recording
+    progress, recording = run.progress, run.source.recording
     logged_ns, all_ns = progress.log_time_ns - recording.start_ns, recording.end_ns - recording.start_ns
     inputs.read_up_to(logged_ns / max(all_ns, 1))
     observer.advanced(progress)

@@ -355,6 +355,6 @@ def _describe(magic: bytes, path: Path) -> str:
         version = magic[9:].split(b"\n")[0].decode(errors="replace")
         return f"a ROS 1 bag of format {version}; convert it with `rosbag fix`"
     if path.suffix in {".bag", ".mcap", ".db3", ".pcap", ".pcapng"}:
-        return f"other bytes than a {path.suffix} file begins with; it is damaged or something else"
+        return f"a file that does not begin as a {path.suffix} file; it is damaged or of another format"
     is_text = all(byte >= 32 or byte in b"\t\r\n" for byte in magic)
     return f"a {'text file' if is_text else 'file of another kind'}; name the recording itself"

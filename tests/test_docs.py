@@ -84,6 +84,10 @@ def test_translated_pages_have_the_commands_of_the_original(translated: str, ori
     assert of_page - of_original == set()
 
 
+def test_no_page_escapes_a_bar() -> None:  # the site would show the backslash
+    assert [page.name for page in (ROOT / "docs").glob("*.md") if "\\|" in page.read_text(encoding="utf-8")] == []
+
+
 def test_named_files_exist() -> None:
     named = set(re.findall(r"(?<!/)\b(?:config|docs|pipeline|bags)/[\w/.]+\.(?:md|py|yaml|bag)\b", README))
     assert {path for path in named if not (ROOT / path).is_file()} == set()

@@ -44,8 +44,8 @@ class DoubtedCheck:
         return (
             RunWarning(
                 "fuse.min_score",
-                f"{counts} boxes are below it, with {MIN_LIKELY:g} to {self._min_score:g}",
-                "2D boxes tell which are right (--model-2d)",
+                f"{counts} boxes score {MIN_LIKELY:g} to {self._min_score:g}, below it",
+                "use --model-2d to tell which are right",
             ),
         )
 
@@ -91,7 +91,7 @@ def _warnings(subject: str, unused_boxes: Mapping[str, int], remedy: str, config
     return (
         RunWarning(
             subject,
-            f"{sum(numbers.values())} have class numbers that no class has ({listed}); known are {known or 'none'}",
-            f"{remedy}; else add its numbers to the labels of the classes",
+            f"{sum(numbers.values())} have unknown class numbers ({listed}); known are {known or 'none'}",
+            f"{remedy}; or add these numbers to the labels of the classes",
         ),
     )

@@ -100,9 +100,9 @@ def _jump_warning(jump: TimeJump, start_ns: int) -> RunWarning:
     where = f"by {jump.by_ns / 1e9:.1f} s at {(jump.at_ns - start_ns) / 1e9:.1f} s"
     if jump.kind == "log times":
         finding = f"log times jump back {where}: the parts before and after are processed one after the other"
-        return RunWarning("time", finding, "if they are two recordings, record them into two files")
+        return RunWarning("time", finding, "if these are two recordings, write them to two files")
     finding = f"stamps jump back {where}: no frame has messages of both sides"
-    remedy = "if it was played in a loop, take one turn of it with --start and --duration"
+    remedy = "if it was played in a loop, process one pass of it with --start and --duration"
     return RunWarning("time", finding, remedy)
 
 

@@ -62,7 +62,7 @@ class LidarCheck:
         total, (empty, first, last) = self._messages[name], self._empty.get(name, (0, 0, 0))
         if self._bad[name] == total:
             finding = f"none of its {total} messages can be decoded"
-            return RunWarning(name, finding, "see the reason in the table of messages")
+            return RunWarning(name, finding, "-v lists the reasons")
         if empty == total:
             finding = f"{total} messages without a single point in range"
         elif empty >= max(MIN_EMPTY, MIN_EMPTY_SHARE * total):

@@ -61,7 +61,7 @@ def batch(
     as_json: AsJson = False,
     **options: Unpack[SharedOptions],
 ) -> None:
-    """Process many recordings: one result each, and a table of all.
+    """Process many recordings: one result each, and a summary table.
 
     Re-running processes only what is missing or changed: recording, settings, rig, network or version.
     """

@@ -41,8 +41,8 @@ def export(
     """Write results as a data set: clouds, images, calibration, boxes.
 
     kitti, nuscenes and cvat have 3D boxes, coco and yolo 2D boxes in the images as recorded. Labels are the ground
-    truth if there is any, else what lidcam found: objects with the 2D box of the camera, or projected. All but yolo and
-    cvat also contain what it found, as scored detections.
+    truth if there is any, else lidcam's objects, with the camera's 2D box or a projected one. All formats but yolo and
+    cvat also contain these objects as scored detections.
     """
     from lidcam.cli.printing.progress import show_progress
     from lidcam.outputs.export.export import export_results

@@ -62,7 +62,7 @@ def inspect(
         bool,
         typer.Option(
             "--check",
-            help="Process it all to check poses and clocks, which --write-rig corrects.",
+            help="Process the whole recording to check poses and clocks; --write-rig corrects them.",
             rich_help_panel=CHECKING,
         ),
     ] = False,
@@ -127,7 +127,7 @@ def inspect(
                 _print(inspection, Verdict((problem,)), (), as_json=as_json, repaired=repair is not None)
             outputs[write_rig].write_text(marked_yaml(inspection.draft))
             remarks.insert(0, f"wrote {write_rig}")
-    for path in job.inputs:
+    for path in inspection.files:
         if isinstance(path, Path) and is_own_mcap(path):
             words = f"{path} is a result of lidcam: see lidcam view, report, evaluate, compare and export"
             inspection = replace(inspection, notes=(words, *inspection.notes))

@@ -75,7 +75,11 @@ def process(
     out: Annotated[
         str | None,
         typer.Option(
-            "--out", "-o", metavar="DIR|OUT.mcap", help="Folder or file of the result.", rich_help_panel=OUTPUTS
+            "--out",
+            "-o",
+            metavar="DIR|OUT.mcap",
+            help="Folder or file to write the result to.",
+            rich_help_panel=OUTPUTS,
         ),
     ] = None,
     rerun: Annotated[str | None, output_option("Also write a Rerun recording.", *endings_of("--rerun"))] = None,
@@ -86,9 +90,7 @@ def process(
     report: Annotated[str | None, output_option("Also write a page about the result.", *endings_of("--report"))] = None,
     video: Annotated[
         str | None,
-        output_option(
-            "Also write a film of all cameras and the site from above (extra video).", *endings_of("--video")
-        ),
+        output_option("Also write a film: all cameras and a top view (extra video).", *endings_of("--video")),
     ] = None,
     print_detections: Annotated[
         bool,
@@ -189,11 +191,10 @@ def _places(paths: Sequence[str], out: str | None) -> "tuple[list[Location], Any
             raise typer.BadParameter(f"on a server, name the result: {out}/OUT.mcap", param_hint="--out")
         return inputs, folder / f"{recording_stem(inputs[0].name)}.mcap", folder
     if not last.name.endswith(".mcap"):
-        raise typer.BadParameter(
-            f"the output comes last and ends in .mcap, found {last}; for several recordings: "
-            f"lidcam batch {shlex.join(paths)} --out DIR",
-            param_hint="OUT.mcap",
-        )
+        is_recording = last.name.endswith(ENDINGS) or (isinstance(last, Path) and last.exists())
+        several = f"; for several recordings: lidcam batch {shlex.join(paths)} --out DIR"
+        what = several if is_recording else " (see --rerun, --report, --objects)"
+        raise typer.BadParameter(f"the output comes last and ends in .mcap, found {last}{what}", param_hint="OUT.mcap")
     return inputs, last, None
 
 

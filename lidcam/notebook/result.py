@@ -248,6 +248,10 @@ class ObjectCollector(RunObserver):
         """Pass on how far the run is."""
         self._progress.advanced(progress)
 
+    def finishing(self) -> None:
+        """Pass on that the frames are written."""
+        self._progress.finishing()
+
     @property
     def objects(self) -> Objects:
         """The objects of the frames so far; the recording has to be open, or to have been."""

@@ -101,7 +101,7 @@ class Bucket:
         """
         if self._unless_missing(name, lambda url: MARK.items() <= self._system.metadata(url).items()) is False:
             raise OutputError(
-                f"{self.at(name)}: exists and is no result of an earlier run; choose another name, or --overwrite it"
+                f"{self.at(name)}: exists and was not written by lidcam; choose another name, or pass --overwrite"
             )
 
     def put(self, name: str, content: bytes) -> None:

@@ -46,14 +46,14 @@ class SharedOptions(TypedDict, total=False):
 
     Attributes:
         config: Settings: a preset (sandbox, crossing, road) or a YAML file. Default: chosen from the recording.
-        settings: Single settings by key, overriding the others.
+        settings: Settings by key; they override the configuration.
         rig: Sensors, calibration and zones: a rig file, a preset (original), or a calibration file of KITTI, Kalibr or
             Autoware. Later files add and replace. Default: as recorded.
         model_2d: 2D network: an ONNX file, or a name that `lidcam fetch` knows; none: without. Default: auto, a fetched
             network if the recording has images without 2D boxes.
         model_3d: 3D network: an ONNX file, traffic (the default for full-size road users) or sandbox.
-        device: Device that runs 2D and 3D networks; auto: cuda where it can be used. CUDA results differ in the last
-            digits. Default: cpu, or the settings detect2d.provider and detect3d.provider.
+        device: Device that runs 2D and 3D networks; auto: CUDA if it is available. CUDA results differ in the last
+            digits. Default: the settings detect2d.provider and detect3d.provider, cpu.
         start_s: Skip the first S seconds.
         duration_s: Process S seconds. Default: to the end.
         every: Process every Nth frame only.
@@ -86,7 +86,7 @@ class JobOptions(SharedOptions, total=False):
         foxglove: Serve the frames to Foxglove during the run. Without a host, only this machine can connect: its
             programs, and any web page in its browser.
         pace: Limit playback to N x real time, e.g. 1. Default: as fast as possible.
-        save_matches: Also write an image (JPEG) of each camera and frame into this folder: 2D and 3D boxes, matches.
+        save_matches: Also write a JPEG of each camera and frame into this folder, with 2D and 3D boxes and matches.
         detector: Function that finds boxes in a cloud, in place of lidcam's: it takes an (N, 4) float32 array of x, y,
             z (m, site frame) and intensity, with the ground, and returns a `Found3D`. What it returns may depend on its
             argument alone.

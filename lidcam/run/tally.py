@@ -70,13 +70,15 @@ class RunProgress:
     """The progress of a run.
 
     Attributes:
-        frames: Frames that have passed the stages; with offline tracks the last ones are not written yet.
+        frames: Frames that have passed the stages.
+        written: Frames that are written; offline tracks hold the others back.
         detections: Fused detections in them; tracks come later, drop some and add others.
         drops: Dropped messages so far; reading is ahead of the frames.
         log_time_ns: Log time of the newest frame; before the first one, the start of the recording.
     """
 
     frames: int
+    written: int
     detections: int
     drops: int
     log_time_ns: int

@@ -32,7 +32,7 @@ TOO_MANY = f"not among the {MAX_UNMATCHED} best without a 3D box in a frame"
 OUT_OF_IMAGE = "nothing of it lies in the image"
 """Reason of an unmatched 2D box outside of the image."""
 
-TOO_VAGUE = "without points, and cameras cannot tell where its object stands"
+TOO_VAGUE = "no lidar points there, and distance unknown"
 """Reason of an unmatched 2D box whose object has no points and an uncertain position."""
 
 

@@ -17,7 +17,7 @@ from lidcam.pipeline.fusion.zones import select_by_zones
 from lidcam.pipeline.tracking.motion import HEADING, SPEED, TURN
 from lidcam.pipeline.tracking.sightings import FrameSightings, Sightings, TrackRows
 
-NO_TRACK_REASON = "part of no track that is probable enough"
+NO_TRACK_REASON = "no confident track"
 """Reason of an object that the frame by itself would report and that is left out."""
 
 MIN_BELIEF = 0.1

@@ -148,6 +148,7 @@ BLIND = ("--set", "output.images=false")
     [
         (("process",), 2, "Missing argument"),
         (("process", "a.bag", "b.bag"), 2, "for several recordings: lidcam batch a.bag b.bag --out DIR"),
+        (("process", "a.bag", "o.html"), 2, "found o.html (see --rerun, --report, --objects)"),
         (("process", "a.bag", "o.mcap", "--topics", "/a"), 2, "--set 'topics.lidars=[/points]' chooses topics"),
         (("process", "a.bag", "o.mcap", "--on-bad-message", "x"), 2, "expected one of 'skip', 'fail', found 'x'"),
         (("process", "a.bag", "o.mcap", "--workers", "0"), 2, "'--workers': expected at least 1"),

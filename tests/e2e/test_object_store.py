@@ -112,7 +112,7 @@ def test_one_second_of_a_recording_is_read_in_parts(
     ("output", "told"),
     [
         ("s3://nothing/out.mcap", "there is no such bucket; check the address"),
-        ("s3://fleet/other.mcap", "exists and is no result of an earlier run"),
+        ("s3://fleet/other.mcap", "exists and was not written by lidcam"),
         ("s3://fleet/drive.mcap", "is an input of this run"),
         ("https://ada:s3cret@host/out.mcap", "expected a local path, or s3://bucket/..., as output"),
     ],

@@ -57,7 +57,8 @@ def test_a_result_is_no_recording(lidcam: Lidcam, folder: Path) -> None:
     both = lidcam("process", "drive.bag", "out.mcap", "-o", "other", folder=folder)
     assert both.code == 2
     assert "names the output, and so does out.mcap" in " ".join(both.err.split())
-    assert "note: out.mcap is a result of lidcam: see lidcam view" in lidcam("inspect", "out.mcap", folder=folder).out
+    for inspected in ("out.mcap", "drive.lidcam"):
+        assert "is a result of lidcam: see lidcam view" in lidcam("inspect", inspected, folder=folder).out
 
 
 def test_a_folder_that_one_stands_in(lidcam: Lidcam, folder: Path) -> None:

@@ -82,7 +82,7 @@ def test_inspect_looks_at_the_beginning(lidcam: Lidcam, recording: Path, server:
     assert found["motion"] == ["/tf"]
     assert server.sent < 0.15 * recording.stat().st_size
     done = lidcam("inspect", url)
-    assert "only the first 5 s were examined, but for the counts: the files are on a server" in done.out
+    assert "only the first 5 s were examined, except for the counts: the files are on a server" in done.out
     assert "s3cret" not in done.out + done.err
 
 

@@ -45,5 +45,5 @@ def test_fusion_is_not_worse_than_the_lidars_alone_and_a_longer_run_names_the_ca
     if duration_s > 1:
         [warning] = run.summary.warnings
         assert warning.subject == camera
-        assert " objects it looks 2.0" in warning.finding
+        assert " objects, it looks 2.0" in warning.finding
         assert " degrees further right" in warning.finding

@@ -194,7 +194,7 @@ def assert_refused(paths: Sequence[Path], *parts: str) -> None:
         ("empty.bag", b"", "an empty file"),
         ("notes.txt", b"lidar on the left pole\n", "a text file"),
         ("image.bin", b"\x00\x01\x02", "a file of another kind"),
-        ("text.bag", b"lidar on the left pole\n", "other bytes than a .bag file begins with"),
+        ("text.bag", b"lidar on the left pole\n", "a file that does not begin as a .bag file"),
         (
             "drive.mcap",
             b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n",

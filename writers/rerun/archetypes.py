@@ -106,13 +106,14 @@ def own_vehicle(middle: F64, front: F64) -> rr.Boxes3D:
     )
 
 
-def legend(class_names: Sequence[str]) -> rr.Points2D:
-    """The colours and what has them, below one another in two columns."""
+def legend(class_names: Sequence[str], *, zones: bool, is_own: bool = False) -> rr.Points2D:
+    """The colours and what has them, below one another in two columns; `is_own`: of a moving rig, as further lines."""
     named = [(name, class_color(class_id).bytes_rgb) for class_id, name in enumerate(class_names)]
     named += [("2D box, matched", MATCHED.bytes_rgb), ("2D box alone", CAMERA_ONLY.bytes_rgb)]
-    named += [("ground truth", TRUTH.bytes_rgb), ("zone", ZONE.bytes_rgb)]
-    named += [("own vehicle", OWN_VEHICLE), ("own path", WAY)]
+    named += [("ground truth", TRUTH.bytes_rgb), *[("zone", ZONE.bytes_rgb)] * zones]
     rows = np.arange(len(named))
+    if is_own:
+        rows, named = np.arange(2) + len(named), [("own vehicle", OWN_VEHICLE), ("own path", WAY)]
     return rr.Points2D(
         np.stack([rows % 2 + 0.5, rows // 2 * LEGEND_STEP], 1),
         colors=[color for _, color in named],

@@ -234,7 +234,8 @@ class RerunResultWriter(ResultWriter):
             for class_id, name in enumerate(self._config.object_names)
         ]
         static = self._recording
-        static.log(LEGEND, archetypes.legend(self._config.object_names), static=True)
+        named = archetypes.legend(self._config.object_names, zones=bool(self._rig.zones))
+        static.log(LEGEND, named, static=True)
         static.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, rr.AnnotationContext(context), static=True)
         for path, color, label in (
             ("objects", class_color(0), "objects"),
@@ -249,6 +250,8 @@ class RerunResultWriter(ResultWriter):
         if not self._has_vehicle and (motion is not None or result.odometry is not None):
             middle = np.array([*self._survey.middle[:2], self._survey.ground_m])
             self._recording.log(VEHICLE, archetypes.own_vehicle(middle, front_of_rig(self._rig)), static=True)
+            own = archetypes.legend(self._config.object_names, zones=bool(self._rig.zones), is_own=True)
+            self._recording.log(f"{LEGEND}/own", own, static=True)
             self._has_vehicle = True
         if motion is None:
             return

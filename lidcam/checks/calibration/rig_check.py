@@ -68,7 +68,7 @@ MAX_STANDING_SPEED = 0.1
 MOVING_MARGIN = 1.3
 """Scale of the length and width of a moving box; the points in it are left out."""
 
-REMEDY = "see what `lidcam inspect --check` says of it, or calibrate it again"
+REMEDY = "check it with `lidcam inspect --check`, or recalibrate it"
 
 CORRECTED_REMEDY = f"this run corrects direction and clock; {REMEDY}"
 
@@ -76,12 +76,12 @@ SCALES = np.array([*np.degrees([1.0, 1.0, 1.0]), 1.0, 1.0, 1.0, 1000.0])
 """Degrees, metres and milliseconds from radians, metres and seconds."""
 
 _DIRECTIONS = (
-    ("looks", "degrees", "further down", "further up"),
-    ("looks", "degrees", "further left", "further right"),
-    ("is turned", "degrees", "counter-clockwise", "clockwise"),
-    ("stands", "m", "further left", "further right"),
-    ("stands", "m", "higher", "lower"),
-    ("stands", "m", "further back", "further ahead"),
+    ("looks", "degrees", "further down than calibrated", "further up than calibrated"),
+    ("looks", "degrees", "further left than calibrated", "further right than calibrated"),
+    ("is rolled", "degrees", "counter-clockwise", "clockwise"),
+    ("is", "m", "further left than calibrated", "further right than calibrated"),
+    ("is", "m", "higher than calibrated", "lower than calibrated"),
+    ("is", "m", "further back than calibrated", "further ahead than calibrated"),
     ("took its images", "ms", "later than their stamps say", "earlier than their stamps say"),
 )
 """True direction and place of a camera for a positive and for a negative value: objects that appear further right than
@@ -113,7 +113,7 @@ class CameraVerdict(NamedTuple):
             verb, unit, positive, negative = _DIRECTIONS[row]
             side = positive if values[row] > 0 else negative
             parts.append(f"{verb} {_figure(values[row], sigmas[row], unit)} {side}")
-        finding = f"by {self.error.pairs} boxes of {self.error.tracks} objects it {', and '.join(parts)}"
+        finding = f"judging by {self.error.pairs} boxes of {self.error.tracks} objects, it {', and '.join(parts)}"
         return RunWarning(self.camera.name, finding, CORRECTED_REMEDY if any(self.camera.fit.corrected) else REMEDY)
 
     @property

@@ -14,9 +14,6 @@ from lidcam.cli.printing.tables import ColumnsTable
 MAX_ROWS = 30
 """Maximum number of recordings that all have a row."""
 
-MAX_MESSAGE = 100
-"""Characters of a message in the printed table; the file has all of it."""
-
 
 @contextmanager
 def shown_batch(jobs: Sequence[BatchJob]) -> Iterator[Callable[[JobRecord], None]]:
@@ -37,14 +34,16 @@ def print_batch(out: Console, records: Sequence[JobRecord], *, everything: bool 
     """Print a row for each recording, of many only for those that did not end well, and the totals."""
     shown = [one for one in records if one.state != "done"] if len(records) > MAX_ROWS and not everything else records
     table = ColumnsTable(
-        "", "recording", "state", "frames", "road users", "dropped", "s", "MiB", "message",
-        text_columns=("state", "message"),
-    )  # fmt: skip
+        "", "recording", "state", "frames", "road users", "dropped", "s", "MiB", text_columns=("state",)
+    )
     for one in shown:
         users = "" if one.road_users is None else str(sum(one.road_users.values()))
         figures = (str(one.frames), users, str(one.dropped)) if one.state != "failed" else ("", "", "")
-        message = one.message if len(one.message) <= MAX_MESSAGE else f"{one.message[:MAX_MESSAGE].rstrip()} ..."
-        table.add_row(one.name, one.shown_state, *figures, f"{one.wall_s:.1f}", f"{one.peak_mib:.0f}", message)
+        table.add_row(one.name, one.shown_state, *figures, f"{one.wall_s:.1f}", f"{one.peak_mib:.0f}")
     if shown:
         show_table(out, table)
+    failed = [one for one in records if one.state == "failed"]
+    for one in shown if failed else ():  # the verdict has the first failure, or if there is none, all messages
+        if one.message and one is not failed[0]:
+            show_line(out, f"{one.name}: {one.message}")
     show_line(out, totals_line(records), "bold")

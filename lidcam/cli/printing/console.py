@@ -160,7 +160,7 @@ def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", 
         show_line(out, f"other topics, listed with -v: {below_one_name(topic.topic for topic in unused)}")
     if inspection.stop_ns is not None:
         looked_s = (inspection.stop_ns - inspection.start_ns) / 1e9
-        show_line(out, f"only the first {looked_s:g} s were examined, but for the counts: the files are on a server")
+        show_line(out, f"only the first {looked_s:g} s were examined, except for the counts: the files are on a server")
     print_losses(out, inspection.losses)
     out.print()
     if inspection.rig is None:

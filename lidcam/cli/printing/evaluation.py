@@ -67,13 +67,7 @@ def _short_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
     overlap = _overlap(sources[source][ALL], wanted="70")
     low = _overlap(sources[source][ALL], wanted="50")
     table = _figures_table("", (source,), shown.items(), SHORT_COLUMNS if tracks else SHORT_COLUMNS[:-2])
-    yield (
-        table,
-        (
-            f"AP at an IoU of {overlap} % ({' and '.join(AT_50)}: {low} %); position (m), heading (degrees): mean "
-            "errors. --all: every source, errors, tracks, worst errors",
-        ),
-    )
+    yield table, (f"AP at {overlap} % IoU ({', '.join(AT_50)} {low} %); mean errors: m, degrees; --all: more",)
 
 
 def _subject(tree: Tree, evaluation: Evaluation) -> str:

@@ -108,12 +108,10 @@ class _Stderr(logging.Handler):
         with suppress(OSError):  # nobody reads it any more, or its disk is full: no reason to end a run
             text = self.format(record)
             if record.levelno >= logging.WARNING and sys.stderr.isatty():
-                from rich.text import Text
-
+                from lidcam.cli.printing.folding import show_line
                 from lidcam.cli.printing.terminal import console  # obeys NO_COLOR
 
-                style = "red" if record.levelno >= logging.ERROR else "yellow"
-                console(stderr=True).print(Text(text, style), soft_wrap=True)
+                show_line(console(stderr=True), text, "red" if record.levelno >= logging.ERROR else "yellow")
                 return
             sys.stderr.write(f"{text}\n")
             sys.stderr.flush()

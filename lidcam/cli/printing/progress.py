@@ -8,6 +8,7 @@ from typing import Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Column
 
 from lidcam.cli.printing.escaping import visible
 from lidcam.cli.printing.log import progress_log
@@ -76,8 +77,8 @@ def show_share(
     last_s, last_line = clock(), ""
     columns = (
         TextColumn("{task.fields[text]}", markup=False),
-        BarColumn(bar_width=None),
-        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=8),
+        TextColumn("{task.description}", markup=False, table_column=Column()),  # is folded where it is too long
         TimeRemainingColumn(),
     )
     with ExitStack() as stack:

@@ -33,19 +33,23 @@ class ShownProgress(RunObserver):
         recording, window = source.recording, source.window
         self._start_ns = window.start_ns or recording.start_ns
         stop_ns = min(window.stop_ns or recording.end_ns, recording.end_ns)
-        self._started_s = time.monotonic()
-        self._follows = ", tracks follow" if source.config.track.mode == "offline" else ""
-        bar = show_progress((stop_ns - self._start_ns) / 1e9, whatever_is_logged=self._whatever_is_logged)
+        self._started_s, self._seconds = time.monotonic(), (stop_ns - self._start_ns) / 1e9
+        bar = show_progress(self._seconds, whatever_is_logged=self._whatever_is_logged)
         self._advance = self._stack.enter_context(bar)
 
     def advanced(self, progress: RunProgress) -> None:
         """Show the progress."""
         rate_hz = progress.frames / max(time.monotonic() - self._started_s, 1e-3)
+        written = f"{progress.written} written" if progress.written else "tracks follow"
         drops = f", {progress.drops} dropped" if progress.drops else ""
         self._advance(
             (progress.log_time_ns - self._start_ns) / 1e9,
-            f"{progress.frames} frames, {rate_hz:.1f}/s, {progress.detections} detections{self._follows}{drops}",
+            f"{progress.frames} frames, {rate_hz:.1f}/s, {progress.detections} detections, {written}{drops}",
         )
+
+    def finishing(self) -> None:
+        """Show that only the outputs of the whole result are left."""
+        self._advance(self._seconds, "all frames written, finishing the outputs")
 
 
 class ShownRun(RunObserver):
@@ -86,3 +90,7 @@ class ShownRun(RunObserver):
     def advanced(self, progress: RunProgress) -> None:
         """Show the progress."""
         self._progress.advanced(progress)
+
+    def finishing(self) -> None:
+        """Show what is left."""
+        self._progress.finishing()

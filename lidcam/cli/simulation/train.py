@@ -24,7 +24,7 @@ Recordings = Annotated[
     typer.Option(
         "--recordings",
         metavar="RECORDING",
-        help="Recording with ground-truth topics to learn from; may be repeated. With --family, half of the scenes.",
+        help="Recording with ground-truth topics to learn from; may be repeated. With --family: half of the scenes.",
     ),
 ]
 Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Random seed: the number of the first world.")]
@@ -130,7 +130,7 @@ def pillars(
             help="The network; FILE.md beside it is its card, FILE.ckpt the state of the training.",
         ),
     ],
-    steps: Annotated[int, typer.Option(min=1, metavar="N", help="Steps in all, of four sweeps each.")],
+    steps: Annotated[int, typer.Option(min=1, metavar="N", help="Total number of steps, of four sweeps each.")],
     family: Annotated[
         Literal["road", "crossing", "all", "sandbox"] | None,
         typer.Option(
@@ -150,21 +150,19 @@ def pillars(
         typer.Option(
             "--from",
             metavar="NAME",
-            help="Initial network: traffic, sandbox, FILE.onnx of such a training, or none. "
-            "[default: with --recordings the one that comes with lidcam, else none]",
+            help="Network to start from: traffic, sandbox, a FILE.onnx that this command wrote, or none. "
+            "[default: the bundled one with --recordings, else none]",
         ),
     ] = "",
     bfloat16: Annotated[
         bool,
         typer.Option(
-            "--bfloat16", help="Compute in bfloat16: half the time on processors that have it (AVX-512 BF16, AMX)."
+            "--bfloat16", help="Train in bfloat16: twice as fast on CPUs that support it (AVX-512 BF16, AMX)."
         ),
     ] = False,
     resume: Annotated[
         bool,
-        typer.Option(
-            "--resume", help="Continue from FILE.ckpt, if there is one; also with more steps, or other recordings."
-        ),
+        typer.Option("--resume", help="Continue from FILE.ckpt if it exists; steps and recordings may change."),
     ] = False,
     overwrite: Overwrite = False,
 ) -> None:
@@ -228,25 +226,31 @@ def convert(
         typer.Option(
             "--config",
             metavar="FILE",
-            help="YAML of OpenPCDet; JSON or Python of mmdetection3d, with all in one file, read and not executed. "
-            "[default: what mmdetection3d put into the checkpoint]",
+            help="OpenPCDet YAML, or a single-file mmdetection3d config (JSON or Python; parsed, not executed). "
+            "[default: the one in an mmdetection3d checkpoint]",
         ),
     ] = None,
     ground_z: Annotated[
         float | None,
-        typer.Option("--ground-z", metavar="M", help="Z of the ground in its data. [default: that of the data set]"),
+        typer.Option(
+            "--ground-z",
+            metavar="M",
+            help="Ground height in its training data, metres. [default: that of the data set]",
+        ),
     ] = None,
     intensity_max: Annotated[
         float | None,
         typer.Option(
-            "--intensity-max", metavar="N", help="Highest intensity in its data. [default: that of the data set]"
+            "--intensity-max",
+            metavar="N",
+            help="Maximum intensity in its training data. [default: that of the data set]",
         ),
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Convert a PointPillars or CenterPoint network to ONNX.
 
-    The checkpoints of OpenPCDet and mmdetection3d, in pillars. The result runs without PyTorch.
+    Reads pillar checkpoints of OpenPCDet and mmdetection3d. The result runs without PyTorch.
     """
     _check_extra("reading a checkpoint")
     from lidcam.outputs.allowed import check_no_input

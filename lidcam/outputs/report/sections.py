@@ -35,18 +35,19 @@ def code(text: str) -> Markup:
 
 def lead(seen: ReportCollector, class_names: Sequence[str]) -> str:
     """A line about what was seen."""
-    minutes = seen.seconds / 60
-    duration = f"{minutes:.1f} min" if minutes < 120 else f"{minutes / 60:.1f} h"
-    duration = f"{seen.seconds:.1f} s" if minutes < 2 else duration
+    factor, unit = (1, "s") if seen.seconds < 120 else (60, "min") if seen.seconds < 7200 else (3600, "h")
+    duration = f"{seen.seconds / factor:.1f} {unit}"
     if not any(seen.objects.values()):
         return f"Nothing was found in {duration}."
     if not seen.is_tracked:
         per_frame = sum(seen.objects.values()) / seen.frames
         return f"{per_frame:.1f} objects at a time, in {duration}. They were not tracked, so nobody is counted once."
     users = seen.users.table
-    who, counted = _listed(users.class_ids, class_names), {"moved": users.moved.sum(), "stood": users.stood.sum()}
+    moved, stood = int(users.moved.sum()), int(users.stood.sum())
+    counted = {"moved": moved, "stood": stood, "seen too briefly to tell": len(users) - moved - stood}
     did = ", ".join(f"{count} {what}" for what, count in counted.items() if count)
-    return f"{len(users)} road user{'s' * (len(users) != 1)} in {duration}: {who}." + (f" {did}." if did else "")
+    who = f"{len(users)} road user{'s' * (len(users) != 1)} in {duration}"
+    return f"{who}: {_listed(users.class_ids, class_names)}." + (f" {did}." if did else "")
 
 
 def busiest_note(seen: ReportCollector) -> str:
@@ -215,8 +216,7 @@ def checksums(metadata: Mapping[str, str], result_name: str, digest: str) -> Pag
         found = metadata.get(f"input.{len(rows)}.sha256", "")
         rows.append([name, found or "none: only a part was processed, or the file changed meanwhile"])
     others = {key: text for key, text in metadata.items() if key.endswith(".sha256") and not key.startswith("input.")}
-    rows += [[key.removesuffix(".sha256"), text] for key, text in others.items()]
-    rows.append([result_name, digest])
+    rows += [*([key.removesuffix(".sha256"), text] for key, text in others.items()), [result_name, digest]]
     return PageTable(["", "SHA-256"], [[name, code(text)] for name, text in rows], (0, 1))
 
 

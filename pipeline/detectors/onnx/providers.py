@@ -34,8 +34,8 @@ PLUGIN = "onnxruntime_ep_cuda"
 
 REMEDIES = {
     "cuda": (
-        "pip install onnxruntime-ep-cuda13 (of Microsoft; -cuda12 for CUDA 12) beside onnxruntime, or onnxruntime-gpu "
-        "in place of it"
+        "pip install onnxruntime-ep-cuda13 (for CUDA 12: onnxruntime-ep-cuda12), or replace onnxruntime with "
+        "onnxruntime-gpu"
     ),
     "tensorrt": "pip install onnxruntime-gpu in place of onnxruntime",
     "openvino": "pip install onnxruntime-openvino in place of onnxruntime",
@@ -128,7 +128,7 @@ def providers_for(provider: Provider, available: Sequence[str]) -> list[str]:
     if PROVIDERS[provider] not in available:
         has = ", ".join(name for name, known in PROVIDERS.items() if known in available)
         remedy = f"; {REMEDIES[provider]}" if provider in REMEDIES else ""
-        raise ModelError(f"provider: expected {has}, which the installed onnxruntime has, found {provider}{remedy}")
+        raise ModelError(f"device: the installed onnxruntime runs on {has}, expected {provider}{remedy}")
     return [PROVIDERS[provider]] if provider == "cpu" else [PROVIDERS[provider], PROVIDERS["cpu"]]
 
 

@@ -1,4 +1,4 @@
-"""Class numbers that no class has, and classes of which hardly anything is probable enough."""
+"""Class numbers that no class has, and classes whose objects mostly fall below `min_score`."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -37,7 +37,7 @@ def test_what_is_likely_and_hardly_reported_is_told() -> None:
     likely = [seen([CAR, PEDESTRIAN, PEDESTRIAN], [0.9, 0.3, 0.45], [0])] * 10
     (warning,) = told([*likely, seen([PEDESTRIAN], [0.8], [0])])
     assert warning == (
-        "fuse.min_score: 20 pedestrian boxes are below it, with 0.2 to 0.5; 2D boxes tell which are right (--model-2d)"
+        "fuse.min_score: 20 pedestrian boxes score 0.2 to 0.5, below it; use --model-2d to tell which are right"
     )
     assert told(likely, has_2d_boxes=True) == []
 
@@ -69,9 +69,9 @@ def test_numbers_that_no_class_has() -> None:
     unused = {"class '0' is not configured": 5, "class '7' is not configured": 2, "class 'tram' is not configured": 9}
     (warning,) = class_number_warnings(unused, Config())
     assert str(warning) == (
-        "recorded 2D boxes: 7 have class numbers that no class has (0, 7); known are 1 car, 2 pedestrian, 3 bicycle, "
+        "recorded 2D boxes: 7 have unknown class numbers (0, 7); known are 1 car, 2 pedestrian, 3 bicycle, "
         "4 truck, 5 truck, 6 bus; if their detector numbers as COCO does (0 person, 2 car), "
-        "--set detect2d.class_numbers=coco; else add its numbers to the labels of the classes"
+        "--set detect2d.class_numbers=coco; or add these numbers to the labels of the classes"
     )
 
 
@@ -86,7 +86,7 @@ def test_long_lists_are_cut_and_there_may_be_no_numbers_among_the_labels() -> No
 def test_numbers_of_3d_boxes() -> None:
     unused = {"class '9' is not configured": 2}
     (warning,) = class_number_warnings({}, Config(), unused)
-    assert str(warning).startswith("recorded 3D boxes: 2 have class numbers that no class has (9); known are 1 car, ")
+    assert str(warning).startswith("recorded 3D boxes: 2 have unknown class numbers (9); known are 1 car, ")
     assert "--set detect3d.recorded.class_numbers=autoware or =coco" in str(warning)
     assert len(class_number_warnings(unused, Config(), unused)) == 2
     for numbers in ("coco", "autoware"):

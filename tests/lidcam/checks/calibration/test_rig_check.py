@@ -39,9 +39,9 @@ def checked(frames: Sequence[FrameResult]) -> RigCheck:
 @pytest.mark.parametrize(
     ("values", "finding"),
     [
-        ((0, 0.03, 0, 0, 0, 0, 0), " degrees further left"),
-        ((0, -0.03, 0, 0, 0, 0, 0), " degrees further right"),
-        ((0.03, 0, 0, 0, 0, 0, 0), " degrees further down"),
+        ((0, 0.03, 0, 0, 0, 0, 0), " degrees further left than calibrated"),
+        ((0, -0.03, 0, 0, 0, 0, 0), " degrees further right than calibrated"),
+        ((0.03, 0, 0, 0, 0, 0, 0), " degrees further down than calibrated"),
         ((0, 0, -0.03, 0, 0, 0, 0), " degrees clockwise"),
         ((0, 0, 0, 0, 0, 0, 0.09), " ms later than their stamps say"),
         ((0, 0, 0, 0, 0, 0, -0.09), " ms earlier than their stamps say"),
@@ -82,7 +82,7 @@ def test_verdicts_are_printed_and_written_as_values(capsys: pytest.CaptureFixtur
     print_check(console(), check)
     printed = capsys.readouterr().out
     assert "not judged" in printed
-    assert "warning: cam: by " in printed
+    assert "warning: cam: judging by " in printed
     tree = check_tree(check)
     yaw = tree["cameras"]["cam"]["errors"]["yaw_deg"]
     assert yaw["is_significant"]

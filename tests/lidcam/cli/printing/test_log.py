@@ -62,10 +62,12 @@ def test_stderr(
 ) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal)
     monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "30")
     configure_logging(verbosity)
     tell_everything()
     told = capsys.readouterr()
-    assert told.err.splitlines() == lines
+    assert ("\n  " in told.err) == is_terminal  # the last line is folded
+    assert told.err.replace("\n  ", " ").splitlines() == lines
     assert told.out == ""
 
 

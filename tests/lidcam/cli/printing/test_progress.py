@@ -2,6 +2,7 @@
 
 import io
 import logging
+import re
 
 import pytest
 from rich.console import Console
@@ -34,9 +35,14 @@ def test_there_is_none_where_the_user_wants_quiet(caplog: pytest.LogCaptureFixtu
         advance(2.5, FACTS)
     assert text.getvalue() == ""
     assert caplog.messages == []
-    with show_progress(4.0, err=Console(file=text, force_terminal=True, width=80), whatever_is_logged=True) as advance:
-        advance(2.5, FACTS)
-    assert FACTS in text.getvalue()
+
+
+def test_facts_of_a_long_recording_leave_room_for_the_time_left(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.ERROR, progress_log.name)
+    text = io.StringIO()
+    with show_progress(3600, err=Console(file=text, force_terminal=True, width=80), whatever_is_logged=True) as advance:
+        advance(1234.5, "12345 frames, 12.1/s, 123456 detections, 12000 written, 1234 dropped")
+    assert re.search("1234.5 of 3600.0 s.*12345 frames.*-:--:--.*1234 dropped", text.getvalue(), re.DOTALL)
 
 
 def test_a_line_every_ten_seconds(caplog: pytest.LogCaptureFixture) -> None:

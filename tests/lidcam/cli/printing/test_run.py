@@ -60,8 +60,8 @@ def test_sound_runs_take_a_dozen_lines() -> None:
 def test_a_run_without_a_network_takes_a_dozen_lines_on_a_terminal() -> None:
     """As 3 s of a street do."""
     outputs = tuple(Path(f"drive.lidcam/drive{ending}") for ending in (".mcap", ".rrd", ".html", ".foxglove.json"))
-    boxes = "11 pedestrian, 13 bus boxes are below it, with 0.2 to 0.5"
-    warning = RunWarning("fuse.min_score", boxes, "2D boxes tell which are right (--model-2d)")
+    boxes = "11 pedestrian, 13 bus boxes score 0.2 to 0.5, below it"
+    warning = RunWarning("fuse.min_score", boxes, "use --model-2d to tell which are right")
     users = RoadUsers((replace(CARS, zone=""), PARKED), ())
     words = (
         "none (lidar-only); a network",

@@ -30,9 +30,9 @@ def seen_of(*frames: SourceBoxes) -> ReportCollector:
     return seen
 
 
-def tracked(*places: tuple[float, float], numbers: list[int]) -> SourceBoxes:
+def tracked(*places: tuple[float, float], numbers: list[int], speed: float = 3.0) -> SourceBoxes:
     boxes = source_boxes([(x, y, 0.75, 4.0, 1.7, 1.5, 0.0) for x, y in places]).boxes
-    motion = Motion(np.full((len(places), 2), 3.0), np.zeros(len(places)), np.zeros(len(places), np.bool_))
+    motion = Motion(np.full((len(places), 2), speed), np.zeros(len(places)), np.zeros(len(places), np.bool_))
     return SourceBoxes(boxes, np.array(numbers, np.int64), motion)
 
 
@@ -67,11 +67,12 @@ def test_ways_are_drawn_from_the_sensors_where_they_move_nobody_knows_where_to()
 
 
 def test_road_users_count_once() -> None:
-    seen = seen_of(ONE, ONE, tracked((1.0, 2.0), (50.0, 50.0), numbers=[4, 9]))
-    assert sections.lead(seen, NAMES) == "2 road users in 0.2 s: 2 \u00d7 car. 2 moved."
+    brief = tracked((30.0, 30.0), numbers=[7], speed=np.nan)
+    seen = seen_of(ONE, brief, tracked((1.0, 2.0), (50.0, 50.0), numbers=[4, 9]))
+    assert sections.lead(seen, NAMES) == "3 road users in 0.2 s: 3 \u00d7 car. 2 moved, 1 seen too briefly to tell."
     ((name, number, moved, stood, *_, fastest),) = sections.counts(seen, NAMES).rows
     assert "car" in str(name)
-    assert (number, moved, stood, fastest) == (2, 2, 0, "15.3 (4.2)")
+    assert (number, moved, stood, fastest) == (3, 2, 0, "15.3 (4.2)")
 
 
 def test_the_busiest_moment_has_images_where_any_has() -> None:

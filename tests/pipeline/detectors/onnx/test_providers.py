@@ -63,15 +63,15 @@ def test_providers_that_are_built_in() -> None:
 
 @pytest.mark.parametrize(
     ("provider", "remedy"),
-    [("cuda", "; pip install onnxruntime-ep-cuda13 (of Microsoft; "), ("openvino", "; pip install "), ("coreml", "")],
+    [("cuda", "; pip install onnxruntime-ep-cuda13 (for CUDA 12: "), ("openvino", "; pip install "), ("coreml", "")],
 )
 def test_a_provider_that_is_missing_is_one_line(tmp_path: Path, provider: Provider, remedy: str) -> None:
     with pytest.raises(ModelError) as caught:
         load(tmp_path, provider)
     found = str(caught.value)
     assert "\n" not in found
-    assert found.startswith("provider: expected cpu, ")
-    assert f"found {provider}{remedy}" in found
+    assert found.startswith("device: the installed onnxruntime runs on cpu, ")
+    assert f"expected {provider}{remedy}" in found
 
 
 def test_auto_takes_the_processor_and_says_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
