@@ -16,11 +16,8 @@ from lidcam.writers.palette import (
     CAMERA_ONLY,
     GROUND,
     HEIGHT_COLORS,
-    MATCHED,
     TRUTH,
-    ZONE,
     Rgb,
-    class_color,
     height_rows,
 )
 
@@ -106,14 +103,9 @@ def own_vehicle(middle: F64, front: F64) -> rr.Boxes3D:
     )
 
 
-def legend(class_names: Sequence[str], *, zones: bool, is_own: bool = False) -> rr.Points2D:
-    """The colours and what has them, below one another in two columns; `is_own`: of a moving rig, as further lines."""
-    named = [(name, class_color(class_id).bytes_rgb) for class_id, name in enumerate(class_names)]
-    named += [("2D box, matched", MATCHED.bytes_rgb), ("2D box alone", CAMERA_ONLY.bytes_rgb)]
-    named += [("ground truth", TRUTH.bytes_rgb), *[("zone", ZONE.bytes_rgb)] * zones]
-    rows = np.arange(len(named))
-    if is_own:
-        rows, named = np.arange(2) + len(named), [("own vehicle", OWN_VEHICLE), ("own path", WAY)]
+def legend(named: Sequence[tuple[str, tuple[int, int, int]]], first: int) -> rr.Points2D:
+    """Colours and what has them, in two columns, from place `first` on: place 0 is at the top left, 1 beside it."""
+    rows = first + np.arange(len(named))
     return rr.Points2D(
         np.stack([rows % 2 + 0.5, rows // 2 * LEGEND_STEP], 1),
         colors=[color for _, color in named],

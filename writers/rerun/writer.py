@@ -7,7 +7,7 @@ with `rerun rrd compare --unordered`.
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from lidcam.writers.base import ResultWriter
 from lidcam.writers.drawing import DrawnObjects, height_range, object_edges
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.transaction import OutputFile
-from lidcam.writers.palette import CAMERA_ONLY, MATCHED, class_color
+from lidcam.writers.palette import CAMERA_ONLY, MATCHED, TRUTH, ZONE, class_color
 from lidcam.writers.provenance import Provenance
 from lidcam.writers.rerun import archetypes
 from lidcam.writers.rerun.blueprint import (
@@ -92,6 +92,7 @@ class RerunResultWriter(ResultWriter):
         self._truth_times = TruthTimes()
         self._nearest_truth: tuple[FrameTime, TrueBoxes] | None = None
         self._fixed_frame_id: str | None = None
+        self._explained = 0
         self._frames = self._waiting_bytes = 0
 
     def _open(self, resources: ExitStack) -> None:
@@ -234,8 +235,9 @@ class RerunResultWriter(ResultWriter):
             for class_id, name in enumerate(self._config.object_names)
         ]
         static = self._recording
-        named = archetypes.legend(self._config.object_names, zones=bool(self._rig.zones))
-        static.log(LEGEND, named, static=True)
+        named = [(name, class_color(class_id).bytes_rgb) for class_id, name in enumerate(self._config.object_names)]
+        named += [("2D box, matched", MATCHED.bytes_rgb), ("2D box alone", CAMERA_ONLY.bytes_rgb)]
+        self._explain("boxes", [*named, *[("zone", ZONE.bytes_rgb)] * bool(self._rig.zones)])
         static.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, rr.AnnotationContext(context), static=True)
         for path, color, label in (
             ("objects", class_color(0), "objects"),
@@ -244,14 +246,18 @@ class RerunResultWriter(ResultWriter):
         ):
             static.log(f"metrics/{path}", rr.SeriesLines(colors=color.bytes_rgb, names=label), static=True)
 
+    def _explain(self, part: str, named: Sequence[tuple[str, tuple[int, int, int]]]) -> None:
+        """Add colours to the legend, on a line of their own: only what is in the recording has a place in it."""
+        self._recording.log(f"{LEGEND}/{part}", archetypes.legend(named, self._explained), static=True)
+        self._explained += len(named) + len(named) % 2
+
     def _log_motion(self, result: FrameResult) -> None:
         """The vehicle, the frame in which it moves, seen from the vehicle, and its step since the frame before."""
         motion, stamp_ns = result.bundle.motion, result.bundle.stamp_ns
         if not self._has_vehicle and (motion is not None or result.odometry is not None):
             middle = np.array([*self._survey.middle[:2], self._survey.ground_m])
             self._recording.log(VEHICLE, archetypes.own_vehicle(middle, front_of_rig(self._rig)), static=True)
-            own = archetypes.legend(self._config.object_names, zones=bool(self._rig.zones), is_own=True)
-            self._recording.log(f"{LEGEND}/own", own, static=True)
+            self._explain("own", [("own vehicle", archetypes.OWN_VEHICLE), ("own path", archetypes.WAY)])
             self._has_vehicle = True
         if motion is None:
             return
@@ -290,6 +296,8 @@ class RerunResultWriter(ResultWriter):
             nearest = frame, truth
         if is_last and nearest is not None:
             done.append(nearest)
+        if nearest is not None and self._nearest_truth is None:
+            self._explain("truth", [("ground truth", TRUTH.bytes_rgb)])
         self._nearest_truth = nearest
         for frame, truth in done:
             self._set_time(frame.index, frame.stamp_ns)
