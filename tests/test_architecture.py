@@ -74,7 +74,7 @@ MAX_LINES = {
     "pipeline/native": (3520, 0),
     "pipeline/parallel": (960, 600),
     "pipeline/stages": (3000, 3120),
-    "pipeline/tracking": (2190, 970),
+    "pipeline/tracking": (2200, 980),
     "readers": (860, 520),
     "readers/files": (3430, 1940),
     "readers/messages": (3250, 2500),

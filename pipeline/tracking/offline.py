@@ -198,16 +198,19 @@ def _evidence(scene: Scene, estimates: Estimates) -> tuple[F64, F64]:
 
 
 def _relabelled(scene: Scene, estimates: Estimates, merged: I64) -> I64:
-    """(N,) track of each sighting after joining; of two in one frame, that of the likelier class remains."""
-    votes = np.zeros_like(estimates.votes)
-    np.add.at(votes, merged, estimates.votes)
-    labels = estimates.labels(len(scene.frames))
+    """(N,) track of each sighting after joining.
+
+    While the surest of the joined tracks lasts, the others' sightings are left out: they show parts of its object.
+    """
+    courses, labels = estimates.courses, estimates.labels(len(scene.frames))
+    by_votes = np.lexsort((-estimates.votes.sum(1), merged))
+    surest = by_votes[np.searchsorted(merged[by_votes], merged)]
     rows = np.flatnonzero(labels >= 0)
-    tracks, sightings = merged[labels[rows]], scene.sightings.select(rows)
-    is_class = sightings.class_ids == votes[tracks].argmax(1)
-    order = np.lexsort((rows, -sightings.beliefs, ~is_class, scene.frames[rows], tracks))
-    key = tracks[order] * len(scene.stamps_s) + scene.frames[rows[order]]
-    chosen = order[first_of_runs(key)] if len(order) else order
+    main, frames = surest[labels[rows]], scene.frames[rows]
+    rows = rows[(labels[rows] == main) | (frames < courses.firsts[main]) | (frames > courses.lasts[main])]
+    tracks, frames = merged[labels[rows]], scene.frames[rows]
+    order = np.lexsort((rows, -scene.sightings.beliefs[rows], frames, tracks))
+    chosen = order[first_of_runs(tracks[order] * len(scene.stamps_s) + frames[order])]
     out = np.full(len(scene.frames), -1, np.int64)
     out[rows[chosen]] = tracks[chosen]
     return out

@@ -130,6 +130,14 @@ def test_two_classes_in_one_place_are_one_object() -> None:
     assert len({tuple(row.sizes[0]) for row in rows}) == 1
 
 
+def test_a_part_does_not_displace_what_is_seen_whole_in_other_frames() -> None:
+    lorry = Mover(straight(0, 0, 0, 8.0), TRUCK, (9.0, 2.5, 3.0), seen=lambda k: k < 6 or k % 5 > 0)
+    rear = Mover(straight(-2.5, 0, 0, 8.0), CAR, (4.0, 1.8, 1.5), belief=0.7, seen=lambda k: k >= 6)
+    rows = tracked(scene([lorry, rear], 40))
+    assert ids(rows) == [[1]] * 40
+    assert max(abs(row.states[0, 0] - 8.0 * PERIOD_S * k) for k, row in enumerate(rows)) < 0.1
+
+
 @pytest.mark.parametrize(("belief", "every"), [(0.6, 2), (0.95, 3)])
 def test_what_is_rarely_seen_is_left_out(belief: float, every: int) -> None:
     rows = tracked(scene([Mover(straight(0, 0, 0, 0), belief=belief, seen=lambda k: k % every == 0)], 41))
