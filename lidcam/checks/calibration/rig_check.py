@@ -282,9 +282,10 @@ def _holds_in_halves(
 ) -> Bools:
     """(7,) whether an error is found in both halves of the run: a real one does not come and go."""
     is_late = pairs.stamps_ns > np.median(pairs.stamps_ns)
-    halves = [half for half in map(estimate, (pairs.select(~is_late), pairs.select(is_late))) if half is not None]
-    found = [half.values * np.sign(error.values) > MIN_HALF_SIGMAS * half.sigmas for half in halves]
-    return np.asarray(np.logical_and.reduce(found) & (len(halves) == 2))
+    holds = np.ones(len(error.values), np.bool_)
+    for half in map(estimate, (pairs.select(~is_late), pairs.select(is_late))):
+        holds &= half is not None and half.values * np.sign(error.values) > MIN_HALF_SIGMAS * half.sigmas
+    return holds
 
 
 def _significant(values: F64, sigmas: F64, min_error: F64) -> Bools:

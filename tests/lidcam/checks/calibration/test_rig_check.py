@@ -77,6 +77,14 @@ def test_good_rigs_give_no_warning(frames: list[FrameResult]) -> None:
     assert check.corrected().cameras == RIG.cameras
 
 
+def test_a_place_that_no_half_of_a_run_can_tell_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    frames = passing((0, 0, 0, 0, 0.5, 0, 0), noise=0.1)
+    camera = checked(frames).cameras[0]
+    assert camera.significant[3:6].any()
+    monkeypatch.setattr("lidcam.pipeline.calibration.camera_error.MIN_PAIRS", int(0.7 * camera.pair_count))
+    assert not checked(frames).cameras[0].significant[3:6].any()
+
+
 def test_verdicts_are_printed_and_written_as_values(capsys: pytest.CaptureFixture[str]) -> None:
     check = checked(passing((0, 0.03, 0, 0, 0, 0, 0), noise=0.3))
     print_check(console(), check)
