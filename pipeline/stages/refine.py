@@ -18,7 +18,7 @@ from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.fusion.projection import rounded_outline
 from lidcam.pipeline.fusion.refining.box_prior import box_prior
-from lidcam.pipeline.fusion.refining.edges import measured_edges, moved_by_borders
+from lidcam.pipeline.fusion.refining.edges import measured_edges
 from lidcam.pipeline.fusion.refining.refinement import are_in_view, better_turned, refine_boxes, with_turned
 
 
@@ -53,8 +53,6 @@ class Refine:
         objects = edges.rows[is_first]
         chosen, edges = boxes.select(objects), replace(edges, rows=np.cumsum(is_first) - 1)
         prior = box_prior(chosen, self._lidar_xy, self._config)
-        cut_px = moved_by_borders(chosen, edges.rows, edges.cameras)
-        edges = replace(edges, sigma_px=np.hypot(edges.sigma_px, cut_px))
         found = refine_boxes(chosen, prior, edges, outline)
         taken = found.accepted & better_turned(objects, found, turned_of)
         rows = turned_of[objects[taken]]

@@ -1,8 +1,6 @@
 """The edges of 2D boxes matched with 3D boxes, as measurements of their position.
 
-Edges moved by something other than the object have larger errors. The border of an image moves edges that it does not
-cut: the 2D box of a bus that reaches below the image ends on the left where its side leaves the image, not at its rear.
-Occluders move edges inward, by any amount. And all edges in an image share the error of the camera's direction.
+Occluders move edges inward, by any amount; and all edges in an image share the error of the camera's direction.
 """
 
 from collections.abc import Mapping
@@ -11,9 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64, Table
-from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses
-from lidcam.pipeline.core.geometry.box_edges import BOX_EDGES
-from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.detections import Boxes2D, Hypotheses
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.fusion.projection import CameraArrays, camera_arrays
@@ -101,36 +97,3 @@ def excess_slopes(extent: F64) -> F64:
     slopes[:, 1, 1], slopes[:, 3, 2] = -extent[:, 1], extent[:, 1]
     slopes[..., 3] = -1.0, -1.0, 1.0, 1.0
     return slopes
-
-
-def moved_by_borders(boxes: Boxes3D, rows: I64, cameras: CameraArrays) -> F64:
-    """(P, 4) inward displacement of left, top, right and bottom of a box by the border of the image, pixels.
-
-    The upper and lower border displace left and right, the sides top and bottom; a box outside of the image is
-    displaced by its whole extent. Lines between corners are taken as straight.
-
-    Args:
-        boxes: N boxes.
-        rows: (P,) the box in the image of each camera, wholly in front of it.
-        cameras: P cameras.
-    """
-    corners = box_corners(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows])
-    in_cameras = corners @ cameras.rotations.swapaxes(1, 2) + cameras.translations[:, None]
-    pixels, _ = cameras.lenses.project(in_cameras)
-    beyond = np.flatnonzero(((pixels < 0) | (pixels > cameras.image_sizes[:, None])).any((1, 2)))
-    moved = np.zeros((len(rows), 4))
-    if not len(beyond):
-        return moved
-    along, limit = pixels[beyond].transpose(2, 0, 1), cameras.image_sizes[beyond].T[::-1, :, None]
-    other, (start, end) = along[::-1], BOX_EDGES.T  # u and v, and v and u
-    a, b, c, d = along[..., start], along[..., end], other[..., start], other[..., end]
-    places, is_left = [along], [(other >= 0) & (other <= limit)]
-    for border in (0.0, limit):
-        places.append(a + (b - a) * (border - c) / np.where(c == d, 1.0, d - c))
-        is_left.append((np.minimum(c, d) < border) & (border < np.maximum(c, d)))
-    place, left = np.concatenate(places, 2), np.concatenate(is_left, 2)
-    low, high = np.where(left, place, np.inf).min(2), np.where(left, place, -np.inf).max(2)
-    whole_low, whole_high = along.min(2), along.max(2)
-    inside = np.concatenate([np.minimum(low, whole_high) - whole_low, whole_high - np.maximum(high, whole_low)])
-    moved[beyond] = inside.T.clip(0.0)
-    return moved

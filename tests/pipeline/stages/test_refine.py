@@ -18,8 +18,6 @@ from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraFit, CameraSensor, EdgeHabits, Rig
 from lidcam.pipeline.core.settings.fuse import FuseConfig
-from lidcam.pipeline.fusion.projection import CameraArrays
-from lidcam.pipeline.fusion.refining.edges import moved_by_borders
 from lidcam.pipeline.stages.refine import Refine
 
 EXACT = CameraFit(direction_sigma_rad=1e-6, habit_sigma=1e-6)
@@ -224,30 +222,6 @@ def test_what_hides_an_edge_does_not_draw_the_box(monkeypatch: pytest.MonkeyPatc
     found = fitted(rig, hypotheses, hidden)
     assert place(errors(found, truth)).mean() < 1.1 * place(errors(hypotheses.boxes, truth)).mean()
     assert place(errors(found, fitted(rig, hypotheses, seen))).max() < 0.15
-
-
-def test_what_the_border_of_an_image_cuts_keeps_its_length(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(f"{BOX_PRIOR}.MAX_SIZE_SIGMA", 0.15)
-    # Its rear is below the image, so its right edge is where its side leaves the image.
-    long, camera = boxes3d([(9.0, 1.0, -4.0, 7.0, 2.5, 0.5, 0.7)], deviations=(0.3, 0.3, 0.03)), forward_camera()
-    whole = edges_in_view(long.centers, long.sizes, long.yaws, camera)
-    inward_px = moved_by_borders(long, np.arange(1), CameraArrays.of([camera]))[0] * [1, 1, -1, -1]
-    assert np.abs(inward_px[[0, 2]]).max() > 50
-    shown = np.clip(whole.xyxy[0] + inward_px, 0, [640, 480] * 2)
-    seen, nothing = {"cam": boxes2d([(*shown, 0.9, 0)])}, np.zeros(1, np.float32)
-    matches = {
-        "cam": Matches(
-            np.zeros((1, 2), np.int64),
-            nothing + 1,
-            whole.xyxy.astype(np.float32),
-            nothing,
-            np.zeros((1, 4), np.float32),
-        )
-    }
-    found = fitted(camera_rig(camera), Hypotheses(long, matches, 1), seen)
-    assert found.sources.tolist() == [Source.BOTH]
-    assert place(errors(found, long)) == pytest.approx([0], abs=0.1)
-    assert found.sizes[0, 0] == pytest.approx(7.0, abs=0.1)
 
 
 def with_pairs(matches: Matches, rows: Bools) -> Matches:
