@@ -18,7 +18,6 @@ from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
 from lidcam.pipeline.fusion.cameras.placing import Placed
 from lidcam.pipeline.fusion.cameras.sightings import Sightings
 from lidcam.pipeline.fusion.proposals.fitted import ObjectFitter
-from lidcam.pipeline.fusion.proposals.partners import find_duplicates, find_partners
 
 MIN_SAME_IOU = 0.5
 """Minimum IoU of a box of the lidars and a proposed one that are the same object, matched or not."""
@@ -75,7 +74,7 @@ class Propose:
         sightings = placed.sightings
         partner = find_partners(sightings, matches, self._names)
         partner[self._is_too_large(lidar, sightings, partner)] = -1
-        is_served = (partner >= 0) | find_duplicates(sightings, partner)
+        is_served = partner >= 0
         alone = np.flatnonzero(~is_served)
         left_out = Counter({OUT_OF_IMAGE: placed.out_of_image, TOO_MANY: max(len(alone) - MAX_UNMATCHED, 0)})
         if not len(alone):
@@ -106,6 +105,20 @@ class Propose:
         rows = np.flatnonzero(partner >= 0)
         too_large[rows] = _ground_m2(lidar)[partner[rows]] > self._max_ground_m2[sightings.class_ids[rows]]
         return too_large
+
+
+def find_partners(sightings: Sightings, matches: Mapping[str, Matches], names: tuple[str, ...]) -> I64:
+    """(P,) row of the 3D box matched with each 2D box, -1 for none.
+
+    `matches` are by camera name; `names` are the names of the cameras by their number.
+    """
+    partner = np.full(len(sightings), -1, np.int64)
+    for camera in set(sightings.cameras.tolist()):
+        of_camera = matches[names[camera]]
+        is_pair = (sightings.cameras == camera)[:, None] & (sightings.rows[:, None] == of_camera.pairs[:, 1])
+        sighting, pair = is_pair.nonzero()
+        partner[sighting] = of_camera.pairs[pair, 0]
+    return partner
 
 
 def _are_lidar_boxes(boxes: Boxes3D, lidar: Boxes3D, is_matched: Bools) -> Bools:

@@ -1,1 +1,1 @@
-"""Objects proposed by 2D boxes, and clusters split by them."""
+"""Objects proposed by 2D boxes."""

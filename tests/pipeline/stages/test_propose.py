@@ -12,12 +12,13 @@ from seen_boxes import Box, camera_at, seen_by, views_of
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.clouds import CombinedCloud
-from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Source
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Matches, Source
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.fusion.cameras.sightings import see
 from lidcam.pipeline.stages import propose as propose_stage
 from lidcam.pipeline.stages.detect3d import Detect3D
-from lidcam.pipeline.stages.propose import Proposed
+from lidcam.pipeline.stages.propose import Proposed, find_partners
 
 CONFIG = Config()
 CAR, BICYCLE, TRUCK = 0, 2, 3
@@ -155,3 +156,32 @@ def test_no_cameras_no_points_no_lidars(with_boxes: bool) -> None:
     assert found.sources.tolist() == [Source.CAMERA] * with_boxes
     found = proposed(camera_rig(CAMERA), combined(np.zeros((0, 3))), nothing(), boxes).boxes
     assert found.sources.tolist() == [Source.CAMERA] * with_boxes
+
+
+VIEWS = views_of(camera_at("a", (0.0, 0.0, 2.0)), camera_at("b", (0.0, 0.0, 2.0)))
+LOW, HIGH = (100.0, 100, 200, 200, 0.3, 0), (300.0, 100, 400, 200, 0.9, 0)
+
+
+def matched(*pairs: tuple[int, int, float]) -> Matches:
+    table = np.array(pairs, np.float64).reshape(-1, 3)
+    nothing = np.full((9, 4), np.nan, np.float32)
+    return Matches(
+        table[:, :2].astype(np.int64),
+        table[:, 2].astype(np.float32),
+        nothing,
+        np.zeros(9, np.float32),
+        np.zeros((9, 4), np.float32),
+    )
+
+
+def test_rows_are_those_of_the_2d_boxes_however_they_are_ordered() -> None:
+    sightings = see(VIEWS, {"a": boxes2d([LOW, HIGH]), "b": boxes2d([HIGH])})
+    partner = find_partners(sightings, {"a": matched((7, 0, 0.5)), "b": matched((2, 0, 0.75))}, ("a", "b"))
+    assert sightings.rows.tolist() == [1, 0, 0]
+    assert partner.tolist() == [-1, 7, 2]
+
+
+def test_camera_without_boxes_or_matches() -> None:
+    sightings = see(VIEWS, {"b": boxes2d([LOW])})
+    partner = find_partners(sightings, {"a": matched(), "b": matched()}, ("a", "b"))
+    assert partner.tolist() == [-1]
