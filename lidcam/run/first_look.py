@@ -131,11 +131,11 @@ def _bundles(source: RunInput, drops: DropTable) -> Iterator[SensorBundle]:
     stop_ns = recording.end_ns + 1 if window.stop_ns is None else min(window.stop_ns, recording.end_ns + 1)
     waiting, stamps_ns = [start_ns], list[int]()
     while waiting:
-        stretch = replace(source, window=TimeWindow(waiting.pop(0), stop_ns))
+        stretch = replace(source, window=TimeWindow(begin_ns := waiting.pop(0), stop_ns))
         for bundle in islice(bundles(stretch, drops, SyncStats(), sensor_clocks(source.rig, drops)), STRETCH_FRAMES):
             stamps_ns.append(bundle.stamp_ns)
             yield bundle
-        if 1 < len(stamps_ns) <= STRETCH_FRAMES:  # the first stretch shows how far apart frames are
+        if begin_ns == start_ns and len(stamps_ns) > 1:  # the first stretch shows how far apart frames are
             waiting = later_stretches(start_ns, stop_ns, (stamps_ns[-1] - stamps_ns[0]) / (len(stamps_ns) - 1))
 
 

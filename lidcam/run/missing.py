@@ -115,12 +115,14 @@ def silence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
 
 
 def _silence_warning(finding: str, sensors: Sequence[MissingSensor]) -> RunWarning:
-    if len(sensors) == 1:
-        (sensor,) = sensors
-        remedy = f"check the sensor, its driver and the recording of {sensor.topic}"
-        return RunWarning(sensor.sensor, f"{finding} it", remedy)
-    names = ", ".join(sensor.sensor for sensor in sensors)
-    return RunWarning(names, f"{finding} them", "check what they share: power, network, driver, or the recorder")
+    names, topics = (", ".join(of) for of in zip(*((one.sensor, one.topic) for one in sensors), strict=True))
+    if finding.startswith(str(SilentSpan(None, None, 0))):  # but a sensor of the rig has messages
+        remedy = f"the messages of {topics} lie at other times: choose --start and --duration, or check the clocks"
+    elif len(sensors) == 1:
+        remedy = f"check the sensor, its driver and the recording of {topics}"
+    else:
+        remedy = "check what they share: power, network, driver, or the recorder"
+    return RunWarning(names, f"{finding} {'it' if len(sensors) == 1 else 'them'}", remedy)
 
 
 def absent_sensors(

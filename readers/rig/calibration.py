@@ -83,7 +83,7 @@ class Frames:
         try:
             return self.transforms.lookup(dst, src)
         except FrameError as err:
-            raise FrameError(f"{err}; give its pose in a rig file (--rig)") from err
+            raise FrameError(f"{err}; give its pose in a rig file (--rig), or --set 'topics.exclude=[TOPIC]'") from err
 
     def source(self, frame: str) -> str:
         """Source of the transforms from a frame to the site frame."""

@@ -135,6 +135,9 @@ def find_lidar_topics(
     unreadable = [info for info in recorded if info.unreadable]
     chosen = _readable(_before_copies([*chosen, *unreadable], first, notes), "lidar", findings)
     sources = cloud_sources(recording, chosen, first, transforms)
+    for topic, source in sources.items():
+        if source and not transforms.are_joined(first.frame(topic, CLOUD), first.frame(source, CLOUD)):
+            sources[topic] += ", or of a lidar that no transform joins with it"
     return _sensors(sources, "lidars", notes, of_rig, was_choice=len(notes) > before)
 
 

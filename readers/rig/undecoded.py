@@ -7,6 +7,7 @@ Hesai's and RoboSense's packets need the correction file of each unit, and have 
 import re
 from collections.abc import Iterable
 
+from lidcam.readers.ouster.packets import PACKETS as OUSTER_PACKETS
 from lidcam.readers.recording import Recording, TopicInfo
 
 _NEBULA = "play the recording into Nebula (launch_hw:=false) and record its PointCloud2"
@@ -28,18 +29,22 @@ _SEYOND = (
 )
 _FLAT = ("scans of a 2D lidar", "lidcam needs the clouds of a 3D one")
 
+_OUSTER = ("packets of an Ouster", "rename the topic to .../lidar_packets, beside .../metadata (ros2 bag play --remap)")
+
 UNDECODED = {
     "hesai_lidar/msg/PandarScan": _PANDAR,
     "hesai_ros_driver/msg/UdpFrame": _HESAI,
     "innovusion_msgs/msg/InnovusionScan": ("packets of a Seyond", _NEBULA),
     "nebula_msgs/msg/NebulaPackets": ("packets of a lidar, by Nebula", _NEBULA),
     "ouster_msgs/msg/OusterScan": ("packets of an Ouster, by Nebula", _NEBULA),
+    **dict.fromkeys(OUSTER_PACKETS, _OUSTER),
     "pandar_msgs/msg/PandarScan": _PANDAR,
     "robosense_msgs/msg/RobosenseScan": ("packets of a RoboSense", _NEBULA),
     "rslidar_msg/msg/RslidarPacket": _ROBOSENSE,
     "rslidar_msg/msg/RslidarScan": _ROBOSENSE,
     "rslidar_msg/msg/rslidarScan": _ROBOSENSE,
     "rslidar_msgs/msg/rslidarScan": _ROBOSENSE,
+    "rslidar_msgs/msg/RslidarScan": _ROBOSENSE,
     "sensor_msgs/msg/LaserScan": _FLAT,
     "sensor_msgs/msg/MultiEchoLaserScan": _FLAT,
     "seyond/msg/SeyondScan": _SEYOND,
@@ -88,7 +93,7 @@ def undecoded(recording: Recording, topics: Iterable[TopicInfo]) -> list[str]:
         f"{info.topic}: {_named(what, recording, info.topic)} ({info.msgtype.replace('/msg/', '/')}), which lidcam "
         f"does not read; {remedy}"
         for info in topics
-        if info.message_count and info.msgtype in UNDECODED
+        if info.message_count and info.msgtype in UNDECODED and not info.topic.endswith("/imu_packets")
         for what, remedy in [UNDECODED[info.msgtype]]
     ]
 

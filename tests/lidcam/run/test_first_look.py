@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import NoReturn
-from unittest.mock import patch
+from unittest.mock import Mock, patch
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from lidcam.pipeline.core.frame import Decoded, FrameResult
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.geometry.transform_tree import TransformTree
 from lidcam.pipeline.core.optics.images import Image
-from lidcam.pipeline.core.rig import CameraFit, LidarSensor, Rig
+from lidcam.pipeline.core.rig import LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.stages.detect3d import Detect3D
 from lidcam.readers.messages.tf import RecordedTransforms
@@ -89,7 +88,6 @@ def test_boxes_show_whether_images_are_rectified(crossing: RunInput, shown: str,
 def test_a_camera_that_shows_too_little_stays_as_recorded(crossing: RunInput, frames: list[FrameResult]) -> None:
     [camera] = corrected(crossing, frames).cameras
     assert camera is CAMERA
-    assert camera.fit == CameraFit()
 
 
 @pytest.mark.parametrize("setting", [{"fuse.calibration": "recorded"}, {"detect2d.method": "none"}])
@@ -118,6 +116,12 @@ def test_a_run_counts_each_message_once() -> None:
     assert first.drops.messages == second.drops.messages
 
 
+def test_a_lidar_may_end_with_the_first_stretch(crossing: RunInput) -> None:
+    with patch("lidcam.run.first_look.later_stretches", side_effect=[[crossing.recording.end_ns]]) as asked:
+        lidcam.process(CROSSING, settings={"output.images": False, "run.workers": 1})
+    asked.assert_called_once()
+
+
 def test_no_box_is_looked_for_twice() -> None:
     with patch.object(Detect3D, "__call__", autospec=True, side_effect=Detect3D.__call__) as detect:
         summary = lidcam.process(CROSSING, settings={"output.images": False, "run.workers": 1}).summary
@@ -125,7 +129,7 @@ def test_no_box_is_looked_for_twice() -> None:
 
 
 def test_boxes_in_images_are_taken_over_with_the_stamps_of_the_run() -> None:
-    [frame] = passing(frames=1)
+    [frame], no_detector = passing(frames=1), Mock(side_effect=AssertionError("asked"))
     known, rig = KnownBoxes(), replace(RIG, cameras=(CAMERA,))
     known.keep(rig, frame)
     later = Decoded({"cam": Image(17, "cam", np.zeros((4, 4, 3), np.uint8))})
@@ -134,7 +138,3 @@ def test_boxes_in_images_are_taken_over_with_the_stamps_of_the_run() -> None:
     assert found["cam"].stamp_ns == 17
     with pytest.raises(AssertionError, match="asked"):
         known.in_images(rig, no_detector, replace(frame.bundle, stamp_ns=1), later, frame.combined)
-
-
-def no_detector(*_: object) -> NoReturn:
-    raise AssertionError("asked")

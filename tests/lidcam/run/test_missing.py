@@ -58,6 +58,8 @@ def test_sensors_that_fall_silent_together_share_a_warning() -> None:
         "of /cam3",
     ]
     assert silence_warnings([]) == []
+    outside = MissingSensor("cam4", "/cam4", 30, 30, (SilentSpan(None, None, 30),))
+    assert "lack it; the messages of /cam4 lie at other times" in str(silence_warnings([outside])[0])
     boxes_alone = [MissingSensor("cam2", "/cam2", 3, 9, ()), missing[2]]
     assert [warning.subject for warning in silence_warnings(boxes_alone)] == ["cam2 (boxes)"]
 

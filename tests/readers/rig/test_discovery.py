@@ -71,7 +71,7 @@ CUT = A._replace(data=bytes(A.data)[:30])
     ("messages", "words"),
     [
         ([A], "no transform joins frame 'a' with 'site'"),
-        ([A], "; give its pose in a rig file (--rig)"),
+        ([A], "; give its pose in a rig file (--rig), or --set 'topics.exclude=[TOPIC]'"),
         ([*map(moving, range(3)), A], "a moves in site"),
         ([static(("a", "x", (0, 0, 0)), ("x", "a", (0, 0, 0))), A], "circle"),
         ([CUT], "none of its first 1 messages can be decoded"),
@@ -122,10 +122,10 @@ def test_what_is_not_decoded_is_named(msgtype: str) -> None:
         ("hesai_ros_driver/msg/UdpFrame", "eeff0104 04", "packets of a Hesai Pandar128 or OT128 ("),
         ("pandar_msgs/msg/PandarScan", "eeff0601", "packets of a Hesai PandarXT ("),
         ("hesai_lidar/msg/PandarScan", "eeff4006", "packets of a Hesai Pandar64 ("),
-        ("hesai_lidar/msg/PandarScan", "ffee1234", "packets of a Hesai ("),
         ("rslidar_msg/msg/rslidarScan", "55aa050a5aa550a0" + 22 * "00" + "03", "packets of a RoboSense RS-Bpearl ("),
         ("rslidar_msg/msg/RslidarPacket", "55aa055a" + 27 * "00" + "06", "packets of a RoboSense RS-Helios ("),
-        ("rslidar_msg/msg/RslidarPacket", "55aa055a" + 27 * "00" + "99", "packets of a RoboSense ("),
+        ("rslidar_msgs/msg/RslidarScan", "55aa055a" + 27 * "00" + "99", "packets of a RoboSense ("),
+        ("ouster_ros/msg/PacketMsg", "", "packets of an Ouster ("),
         ("nebula_msgs/msg/NebulaPackets", "eeff0403", "packets of a Hesai AT128, by Nebula ("),
     ],
 )

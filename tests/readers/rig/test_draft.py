@@ -67,7 +67,7 @@ lidars:
     frame_id: velodyne2
     T_site_lidar: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
 'velodyne2' with 'velodyne1'; frames with a transform: none at all; give \
-its pose in a rig file (--rig))
+its pose in a rig file (--rig), or --set 'topics.exclude=[TOPIC]')
 cameras:
   cam11:
     topic: /image_raw_11 # sensor_msgs/msg/Image
@@ -87,7 +87,7 @@ frame: give its pose in a rig file (--rig))
 and its pose in a rig file (--rig))
     T_camera_site: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
 'velodyne1' with 'camera_12'; frames with a transform: none at all; give \
-its pose in a rig file (--rig))
+its pose in a rig file (--rig), or --set 'topics.exclude=[TOPIC]')
 zones: {}
 """
     )
