@@ -131,7 +131,8 @@ def _bundles(source: RunInput, drops: DropTable) -> Iterator[SensorBundle]:
     stop_ns = recording.end_ns + 1 if window.stop_ns is None else min(window.stop_ns, recording.end_ns + 1)
     waiting, stamps_ns = [start_ns], list[int]()
     while waiting:
-        stretch = replace(source, window=TimeWindow(begin_ns := waiting.pop(0), stop_ns))
+        begin_ns = waiting.pop(0)
+        stretch = replace(source, window=TimeWindow(begin_ns, stop_ns))
         for bundle in islice(bundles(stretch, drops, SyncStats(), sensor_clocks(source.rig, drops)), STRETCH_FRAMES):
             stamps_ns.append(bundle.stamp_ns)
             yield bundle

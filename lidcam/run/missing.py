@@ -116,7 +116,7 @@ def silence_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
 
 def _silence_warning(finding: str, sensors: Sequence[MissingSensor]) -> RunWarning:
     names, topics = (", ".join(of) for of in zip(*((one.sensor, one.topic) for one in sensors), strict=True))
-    if any(span.start_s is span.end_s is None for span in sensors[0].silences):  # but a sensor of the rig has messages
+    if any(span.start_s is None and span.end_s is None for span in sensors[0].silences):  # yet its topic has messages
         remedy = f"the messages of {topics} lie at other times: choose --start and --duration, or check the clocks"
     elif len(sensors) == 1:
         remedy = f"check the sensor, its driver and the recording of {topics}"
