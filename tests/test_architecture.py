@@ -57,7 +57,7 @@ MAX_LINES = {
     "lidcam": (1420, 680),
     "lidcam/batches": (1310, 590),
     "lidcam/checks": (1020, 760),
-    "lidcam/cli": (4230, 1560),
+    "lidcam/cli": (4230, 1590),
     "lidcam/evaluation": (970, 620),
     "lidcam/networks": (180, 170),
     "lidcam/notebook": (910, 270),

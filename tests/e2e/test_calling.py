@@ -51,8 +51,7 @@ def test_a_bar_on_a_terminal(sandbox: Path, tmp_path: Path, option: str, has_bar
     command = f"{PROGRAM} process {sandbox} out.mcap {shlex.join(PART)} {option}"
     done = shell(f"script -qec '{command}' /dev/null", tmp_path, COLUMNS="100", TERM="xterm")
     assert done.returncode == 0, done.stdout
-    found = re.search(r"\d frames, .*/s, \d+ detections, tracks follow.* \d+ written.* finishing", done.stdout, re.S)
-    assert bool(found) == has_bar
+    assert ("all frames written, finishing the outputs" in done.stdout) == has_bar  # what it ends with is always drawn
 
 
 def test_quiet_is_the_result_alone(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:

@@ -3,12 +3,18 @@
 import io
 import logging
 import re
+from contextlib import ExitStack, nullcontext
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 from rich.console import Console
 
 from lidcam.cli.printing.log import progress_log
 from lidcam.cli.printing.progress import show_progress, show_training
+from lidcam.cli.printing.running import ShownProgress
+from lidcam.run.frames import RunInput
+from lidcam.run.tally import RunProgress
 
 FACTS = "12 frames, 3.0 a second"
 
@@ -65,3 +71,19 @@ def test_the_time_left_of_a_training_that_goes_on(caplog: pytest.LogCaptureFixtu
         "training: 51%, about 49 min left, step 1",
         "training: 60%, about 8 min left, step 1",
     ]
+
+
+def test_a_run_tells_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[tuple[float, str]] = []
+    bar = nullcontext(lambda done_s, facts: told.append((done_s, facts)))
+    monkeypatch.setattr("lidcam.cli.printing.running.show_progress", lambda *_, **__: bar)
+    window, recording = SimpleNamespace(start_ns=None, stop_ns=None), SimpleNamespace(start_ns=0, end_ns=4 * 10**9)
+    with ExitStack() as stack:
+        shown = ShownProgress(stack)
+        shown.opened(cast(RunInput, SimpleNamespace(window=window, recording=recording)))
+        for written in (0, 3):
+            shown.advanced(RunProgress(frames=3, written=written, detections=7, drops=0, log_time_ns=10**9))
+        shown.finishing()
+    assert [done_s for done_s, _ in told] == [1.0, 1.0, 4.0]
+    ends = "7 detections, tracks follow", "7 detections, 3 written", "finishing the outputs"
+    assert all(facts.endswith(end) for (_, facts), end in zip(told, ends, strict=True))
