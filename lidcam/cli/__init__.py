@@ -14,6 +14,7 @@ from lidcam.cli.inspect import INSPECT_EXAMPLES, inspect
 from lidcam.cli.options import Version
 from lidcam.cli.process import PROCESS_EXAMPLES, process
 from lidcam.cli.report import REPORT_EXAMPLES, report
+from lidcam.cli.simulation.adapt import ADAPT_EXAMPLES, adapt
 from lidcam.cli.simulation.drive import DRIVE_EXAMPLES, drive
 from lidcam.cli.simulation.simulate import SIMULATE_EXAMPLES, simulate
 from lidcam.cli.simulation.train import train_app
@@ -48,6 +49,7 @@ app.command(cls=GroupedCommand)(demo)
 app.command(cls=GroupedCommand, epilog=FETCH_EXAMPLES)(fetch)
 app.command(cls=GroupedCommand, epilog=SIMULATE_EXAMPLES)(simulate)
 app.command(cls=GroupedCommand, epilog=DRIVE_EXAMPLES)(drive)
+app.command(cls=GroupedCommand, epilog=ADAPT_EXAMPLES)(adapt)
 app.add_typer(train_app, name="train", help="Train your own networks on simulated worlds.")
 app.add_typer(config_app, name="config", help="Show presets, and explain settings.")
 process_app.command(cls=GroupedCommand, epilog=PROCESS_EXAMPLES)(process)

@@ -1,6 +1,7 @@
-"""Reading of labelled recordings to learn from, with the points of a run and the truth of an evaluation."""
+"""Reading of recordings to learn from: the points of a run, with the truth of an evaluation or the run's own tracks."""
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Unpack, cast
@@ -10,15 +11,16 @@ import numpy as np
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.pillars.detector import PillarPoints
-from lidcam.pipeline.evaluation.evaluation_frame import TruthBoxes3D
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, ResultFrame, TruthBoxes3D
 from lidcam.pipeline.evaluation.ignoring import is_evaluated
 from lidcam.pipeline.parallel.transfer import load
 from lidcam.processing import RunObserver, process_recording
-from lidcam.readers.results.result import open_result
+from lidcam.readers.results.result import Result, open_result
 from lidcam.readers.truth.open import open_truth
 from lidcam.run.frame import Frame
 from lidcam.run.frames import RunInput
@@ -39,6 +41,25 @@ from lidcam.training.labelled import (
 LIDARS_ONLY = "detect2d.method=none", "track.mode=none", "output.images=false", "output.clouds=false"
 """Settings that switch off all that is not needed for the points."""
 
+TRACKS = "track.mode=offline", "output.images=false", "output.clouds=false"
+"""Settings with which a run makes its own labels."""
+
+MIN_SURE_SCORE = 0.9
+"""Minimum probability of an object of a track that is a label. Others are neither objects nor background."""
+
+MIN_SURE_FRAMES = 5
+"""Minimum frames in which the object of a track was seen, for its boxes to be labels."""
+
+MIN_LABELS = 20
+"""Minimum boxes of sure tracks to learn from."""
+
+MAX_FRAMES = 1000
+"""Maximum frames of a recording that are kept, one to two megabytes each: every second one of more, then every fourth,
+and so on."""
+
+MIN_DOUBTED_SCORE = 0.3
+"""Minimum probability of a lidar's box without a fused one for its place to be no background, either."""
+
 MIN_FRAMES = 10
 """Minimum frames of a recording of which some are kept apart: half of its last fifth calibrates, half judges."""
 
@@ -55,21 +76,23 @@ def read_recordings(
     *,
     check: Callable[[Config], object],
     progress: Callable[[float, str], object],
+    own_labels: bool = False,
     **options: Unpack[JobOptions],
 ) -> Recordings:
-    """Read labelled recordings, and keep a part of each apart.
+    """Read recordings to learn from, and keep a part of each apart.
 
     Args:
         recordings: Names of the recordings.
         folder: Empty folder for the frames.
         check: Raises if the settings of a recording do not fit.
         progress: Called with each recording before it is read.
+        own_labels: Whether to process the recordings, and to learn from sure tracks in place of ground truth.
         **options: As in `lidcam.process`; `settings` is a sequence.
 
     Raises:
         LidcamError: a recording cannot be read, has no truth, or there are too few frames.
     """
-    options["settings"] = (*options.get("settings", ()), *LIDARS_ONLY)
+    options["settings"] = (*options.get("settings", ()), *(TRACKS if own_labels else LIDARS_ONLY))
     names: list[str] = []
     parts: tuple[list[Path], ...] = [], [], []
     found_count = 0
@@ -77,7 +100,7 @@ def read_recordings(
         progress(number / len(recordings), f"reading {recording}")
         own = folder / str(number)
         own.mkdir()
-        kept = _Kept(recording, own, check)
+        kept = _Kept(recording, own, check, own_labels)
         summary = process_recording(make_job(recording, own / "result.mcap", **options), kept)
         names += [f"{file.name}, SHA-256\n  {file.sha256 or 'not known'}" for file in summary.inputs.files]
         frames = kept.labelled()
@@ -88,11 +111,18 @@ def read_recordings(
     if not (train and calibrate):
         apart = len(calibrate) + len(judge)
         raise RecordingError(
-            f"{', '.join(recordings)}: expected a recording of {MIN_FRAMES} frames with truth or more, of which the "
+            f"{', '.join(recordings)}: expected a recording of {MIN_FRAMES} labelled frames or more, of which the "
             f"last fifth is kept apart, and a gap of {GAP_NS / 1e9:g} s before it left out; found {found_count} in "
             f"all, {len(train)} to learn from and {apart} kept apart; give a longer one"
         )
-    return Recordings(train, calibrate, judge, saved(folder / "objects", _objects_of(train)), tuple(names))
+    objects = _objects_of(train)
+    if own_labels and len(objects.true.yaws) < MIN_LABELS:
+        raise RecordingError(
+            f"{', '.join(recordings)}: nothing to learn from: expected {MIN_LABELS} boxes of sure tracks or more, "
+            f"found {len(objects.true.yaws)} in {len(train)} frames; keep the network that is there, or give longer "
+            "recordings"
+        )
+    return Recordings(train, calibrate, judge, saved(folder / "objects", objects), tuple(names))
 
 
 def _parted(frames: Sequence[tuple[int, Path]]) -> tuple[list[Path], list[Path], list[Path]]:
@@ -106,41 +136,53 @@ def _parted(frames: Sequence[tuple[int, Path]]) -> tuple[list[Path], list[Path],
 
 
 class _Kept(RunObserver):
-    """Keeps the points of each frame of a run in files, and then the true objects."""
+    """Keeps the points of each frame of a run in files, and then the objects that are its labels."""
 
-    def __init__(self, recording: str, folder: Path, check: Callable[[Config], object]) -> None:
-        self._recording, self._folder, self._check = recording, folder, check
+    def __init__(self, recording: str, folder: Path, check: Callable[[Config], object], own_labels: bool) -> None:
+        self._recording, self._folder, self._check, self._own_labels = recording, folder, check, own_labels
+        self._every = 1
         self._points: PillarPoints
         self._rig: Rig
 
     def opened(self, source: RunInput) -> None:
         self._check(source.config)
-        if not source.copied:
+        if not (source.copied or self._own_labels):
             raise RecordingError(f"{self._recording}: expected topics of truth to learn from, found none")
         self._rig, self._points = source.rig, PillarPoints(source.rig, source.config)
 
     def frame(self, result: Frame) -> None:
-        one = result.combined
+        one, index = result.combined, result.bundle.index
+        if index % self._every:
+            return
         needed = replace(
             one,
             cloud=one.detection_cloud,
             ground_cloud=one.ground_cloud.select(np.arange(0)),
             ground_lidar_index=None,
         )
-        saved(self._folder / f"{result.bundle.index}.cloud", needed)
+        saved(self._path(index), needed)
+        if index >= MAX_FRAMES * self._every:
+            for dropped in range(self._every, index + 1, 2 * self._every):
+                self._path(dropped).unlink(missing_ok=True)
+            self._every *= 2
+
+    def _path(self, index: int) -> Path:
+        return self._folder / f"{index}.cloud"
 
     def labelled(self) -> list[tuple[int, Path]]:
-        """The stamps and files of the frames that the truth covers; removes the result of the run."""
+        """The stamps and files of the frames that have labels; removes the result of the run."""
         out, frames = self._folder / "result.mcap", []
-        with open_result(out) as result, open_truth(result) as truth:
-            for frame in EvaluationFrames(result, truth):
-                path = self._folder / f"{frame.index}.cloud"
+        with open_result(out) as result:
+            for index, truth in tracked_objects(result.frames) if self._own_labels else _true_objects(result):
+                path = self._path(index)
+                if not path.exists():
+                    continue
                 with path.open("rb", buffering=0) as file:
                     combined = cast(CombinedCloud, load(file))
                 path.unlink()
-                if frame.truth is not None:
-                    found = self._labelled(combined, frame.truth, result.config)
-                    frames.append((frame.stamp_ns, saved(path.with_suffix(".frame"), found)))
+                if truth is not None:
+                    found = self._labelled(combined, truth, result.config)
+                    frames.append((truth.stamp_ns, saved(path.with_suffix(".frame"), found)))
         out.unlink()
         return frames
 
@@ -168,6 +210,54 @@ class _Kept(RunObserver):
             np.array(rules.region) - middle if isinstance(rules.region, tuple) else EVERYWHERE_M * SQUARE,
             np.append(-middle, rules.max_range_m or 2 * EVERYWHERE_M),
         )
+
+
+def _true_objects(result: Result) -> Iterator[tuple[int, TruthBoxes3D | None]]:
+    """The numbers of the frames, and the ground truth at their times."""
+    with open_truth(result) as truth:
+        yield from ((frame.index, frame.truth) for frame in EvaluationFrames(result, truth))
+
+
+def tracked_objects(frames: Callable[[], Iterable[ResultFrame]]) -> Iterator[tuple[int, TruthBoxes3D]]:
+    """The numbers of the frames, and the objects of sure tracks. All others are marked as ignored.
+
+    Args:
+        frames: Gives the frames of a result; called twice.
+    """
+    counts: Counter[int] = Counter()
+    for frame in frames():
+        fused = frame.sources["fused"]
+        is_seen = ~fused.motion.is_predicted if fused.motion is not None else np.ones(len(fused), np.bool_)
+        counts.update(fused.track_ids[is_seen].tolist())
+    yield from ((frame.index, _sure(frame, counts)) for frame in frames())
+
+
+def _sure(frame: ResultFrame, counts: Mapping[int, int]) -> TruthBoxes3D:
+    fused, doubted = frame.sources["fused"], _doubted(frame)
+    seen = np.array([counts.get(track, 0) for track in fused.track_ids.tolist()], np.int64)
+    is_sure = (fused.boxes.scores >= MIN_SURE_SCORE) & (seen >= MIN_SURE_FRAMES) & (fused.track_ids != UNKNOWN)
+    every = fused.boxes.joined(doubted)
+    unknown = np.full(len(every), UNKNOWN)
+    return TruthBoxes3D(
+        stamp_ns=frame.stamp_ns,
+        frame_id=every.frame_id,
+        centers=every.centers,
+        sizes=every.sizes,
+        yaws=every.yaws,
+        class_ids=every.class_ids,
+        labels=np.full(len(every), ""),
+        track_ids=np.append(fused.track_ids, unknown[: len(doubted)]),
+        lidar_points=unknown.astype(np.int32),
+        image_pixels=unknown.astype(np.int32),
+        is_ignored=np.append(~is_sure, np.ones(len(doubted), np.bool_)),
+    )
+
+
+def _doubted(frame: ResultFrame) -> Boxes3D:
+    """Boxes of the lidars that the cameras and tracks do not bear out."""
+    lidar, fused = frame.sources["lidar"].boxes, frame.sources["fused"].boxes
+    away_m = np.linalg.norm(lidar.centers[:, None, :2] - fused.centers[:, :2], axis=2).min(1, initial=np.inf)
+    return lidar.select((lidar.scores >= MIN_DOUBTED_SCORE) & (away_m > np.hypot(*lidar.sizes[:, :2].T) / 2))
 
 
 def _objects_of(frames: Sequence[Path]) -> Objects:

@@ -1,6 +1,6 @@
 """The commands `lidcam train ...`."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,6 +16,8 @@ from lidcam.pipeline.core.errors import ConfigError, LidcamError, OutputError
 if TYPE_CHECKING:
     from lidcam.pipeline.core.settings.config import Config
     from lidcam.training.labelled import Recordings as LabelledRecordings
+    from lidcam.training.pillars.fit import Checkpoint
+    from lidcam.training.pillars.train import Judged, Trained
 
 train_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
@@ -31,6 +33,18 @@ Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Random seed: the nu
 Workers = Annotated[
     int | None,
     typer.Option(min=1, metavar="N", help="Worker processes; does not change the result. [default: cores]"),
+]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Continue from FILE.ckpt if it exists; steps and recordings may change.")
+]
+NetworkOut = Annotated[
+    Path,
+    typer.Option(
+        "--out",
+        metavar="FILE.onnx",
+        callback=ends_in(".onnx"),
+        help="The network; FILE.md beside it is its card, FILE.ckpt the state of the training.",
+    ),
 ]
 DEFAULT_FAMILY = "[default: road, or the recordings alone]"
 
@@ -95,10 +109,7 @@ def clusters(
 
     On simulated worlds, on labelled recordings, or on both.
     """
-    from lidcam.simulation import check_simulator
-
-    check_simulator()
-    _check_extra("the training")
+    check_training()
     from lidcam.cli.printing.progress import show_training
     from lidcam.pipeline.parallel.cores import usable_cores
     from lidcam.training.clusters import train_clusters
@@ -107,7 +118,8 @@ def clusters(
     card, processes = out.with_suffix(".md"), workers or usable_cores()
     with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
         with TemporaryDirectory() as folder:
-            labelled = _read(recordings, folder, family, config_file, settings, rig_files, workers)
+            check = partial(_check_classes, family=family)
+            labelled = read(recordings, Path(folder), check, config_file, settings, rig_files, workers)
             chosen = family if family or labelled else "road"
             with show_training() as progress:
                 trained = train_clusters(
@@ -121,15 +133,7 @@ def clusters(
 @train_app.command(cls=GroupedCommand, epilog=PILLARS_EXAMPLES)
 @with_log_options
 def pillars(
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out",
-            metavar="FILE.onnx",
-            callback=ends_in(".onnx"),
-            help="The network; FILE.md beside it is its card, FILE.ckpt the state of the training.",
-        ),
-    ],
+    out: NetworkOut,
     steps: Annotated[int, typer.Option(min=1, metavar="N", help="Total number of steps, of four sweeps each.")],
     family: Annotated[
         Literal["road", "crossing", "all", "sandbox"] | None,
@@ -160,24 +164,62 @@ def pillars(
             "--bfloat16", help="Train in bfloat16: twice as fast on CPUs that support it (AVX-512 BF16, AMX)."
         ),
     ] = False,
-    resume: Annotated[
-        bool,
-        typer.Option("--resume", help="Continue from FILE.ckpt if it exists; steps and recordings may change."),
-    ] = False,
+    resume: Resume = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Train a network that finds 3D boxes.
 
     On simulated worlds, labelled recordings, or both; on a CUDA device if there is one.
     """
-    from lidcam.simulation import check_simulator
+    check_training()
+    from lidcam.training.pillars.fit import Checkpoint
 
-    check_simulator()
-    _check_extra("the training")
+    def checkpoint_in(folder: Path) -> Checkpoint:
+        labelled = read(
+            recordings, folder, partial(_check_classes, family=family), config_file, settings, rig_files, workers
+        )
+        embedded = "sandbox" if family == "sandbox" else "traffic"
+        first = begin or (embedded if labelled else "none")
+        return Checkpoint(
+            path=out.with_suffix(".ckpt"),
+            worlds=family or "road",
+            seed=seed,
+            recordings=labelled,
+            has_worlds=bool(family) or not labelled,
+            begin="" if first == "none" else first,
+            bfloat16=bfloat16,
+        )
+
+    trained = train_network(out, steps, checkpoint_in, workers=workers, resume=resume, overwrite=overwrite)
+    typer.echo(trained.card)
+
+
+def train_network(
+    out: Path,
+    steps: int,
+    checkpoint_in: Callable[[Path], "Checkpoint"],
+    *,
+    workers: int | None,
+    resume: bool,
+    overwrite: bool,
+    begun: Callable[[Mapping[str, "Judged"]], object] = lambda _: None,
+    check: Callable[["Trained"], object] = lambda _: None,
+) -> "Trained":
+    """Train a network in pillars, and write it, its card and its checkpoint.
+
+    Args:
+        out: The network.
+        steps: Number of steps in all.
+        checkpoint_in: Makes the checkpoint; may keep frames in the folder that it is given.
+        workers: Processes that make scenes; None: one for each core.
+        resume: Whether to continue from the checkpoint, if there is one.
+        overwrite: Whether to replace files that lidcam did not write.
+        begun: As in `train_pillars`.
+        check: Raises if the network is not worth to be kept.
+    """
     from lidcam.cli.printing.progress import show_training
     from lidcam.pipeline.detectors.pillars.embedded import existing_network_file
     from lidcam.pipeline.parallel.cores import usable_cores
-    from lidcam.training.pillars.fit import Checkpoint
     from lidcam.training.pillars.train import train_pillars
     from lidcam.writers.outputs.transaction import OutputTransaction
 
@@ -189,26 +231,17 @@ def pillars(
         if state.exists() and not (resume or overwrite):
             raise OutputError(f"{state}: exists; go on with --resume, or begin anew with --overwrite")
         with TemporaryDirectory() as folder:
-            labelled = _read(recordings, folder, family, config_file, settings, rig_files, workers)
-            embedded = "sandbox" if family == "sandbox" else "traffic"
-            first = begin or (embedded if labelled else "none")
+            checkpoint = checkpoint_in(Path(folder))
             if not resume:
-                if first != "none":
-                    existing_network_file(Path(first))
+                if checkpoint.begin:
+                    existing_network_file(Path(checkpoint.begin))
                 state.unlink(missing_ok=True)
-            checkpoint = Checkpoint(
-                path=state,
-                worlds=family or "road",
-                seed=seed,
-                recordings=labelled,
-                has_worlds=bool(family) or not labelled,
-                begin="" if first == "none" else first,
-                bfloat16=bfloat16,
-            )
             with show_training() as progress:
-                text = train_pillars(checkpoint, outputs[out].part, steps, workers=processes, progress=progress)
-        outputs[card].write_text(text)
-    typer.echo(text)
+                part = outputs[out].part
+                trained = train_pillars(checkpoint, part, steps, workers=processes, progress=progress, begun=begun)
+        check(trained)
+        outputs[card].write_text(trained.card)
+    return trained
 
 
 @train_app.command(cls=GroupedCommand, epilog=CONVERT_EXAMPLES)
@@ -269,6 +302,14 @@ def convert(
     typer.echo(f"ground at {specs.ground_z_m:g} m, intensities to {specs.intensity_max:g}")
 
 
+def check_training() -> None:
+    """Raise if an extra is not installed that the training needs."""
+    from lidcam.simulation import check_simulator
+
+    check_simulator()
+    _check_extra("the training")
+
+
 def _check_extra(purpose: str) -> None:
     if missing := [name for name in ("torch", "onnx") if find_spec(name) is None]:
         raise LidcamError(
@@ -276,16 +317,18 @@ def _check_extra(purpose: str) -> None:
         )
 
 
-def _read(
+def read(
     recordings: Sequence[str] | None,
-    folder: str,
-    family: str | None,
+    folder: Path,
+    check: Callable[["Config"], object],
     config: str | None,
     settings: Sequence[str] | None,
     rig: list[str] | None,
     workers: int | None,
+    *,
+    own_labels: bool = False,
 ) -> "LabelledRecordings | None":
-    """Recordings to learn from; None if there are none."""
+    """Recordings to learn from, as by `read_recordings`; None if there are none."""
     if not recordings:
         return None
     from lidcam.cli.printing.progress import show_training
@@ -294,9 +337,10 @@ def _read(
     with show_training() as progress:
         return read_recordings(
             recordings,
-            Path(folder),
-            check=partial(_check_classes, family=family),
+            folder,
+            check=check,
             progress=progress,
+            own_labels=own_labels,
             config=config,
             settings=settings or (),
             rig=rig,

@@ -18,6 +18,7 @@ from lidcam.pipeline.core.geometry.overlaps import without_overlaps
 from lidcam.pipeline.core.geometry.rotated_iou import BoxArrays
 from lidcam.pipeline.detectors.log_odds import sigmoid
 from lidcam.pipeline.detectors.pillars.decoding import Found
+from lidcam.pipeline.detectors.pillars.embedded import existing_network_file
 from lidcam.pipeline.detectors.pillars.network import FoundClass, PillarNetwork, PillarSpecs
 from lidcam.training.card import average_precision, calibration_error
 from lidcam.training.labelled import WORLDS, LabelledFrame, TrueBoxes, loaded
@@ -28,6 +29,9 @@ from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, WRITTEN_G
 SWEEPS_OF_A_WORLD = 4
 MIN_LOG_ODDS = -4.0
 
+RECORDINGS = "recordings"
+"""Name of labelled recordings in cards, as `WORLDS` is of drawn worlds."""
+
 GATES_M = {"car": 2.0, "pedestrian": 0.6, "cyclist": 0.9, "truck": 2.5, "bus": 2.5}
 """Maximum distance of a right box from its object, which has its class and belongs to no other box."""
 
@@ -36,6 +40,14 @@ SANDBOX_GATE_M = 0.15
 
 PRIOR = 1e-3
 """Weight of the calibration that changes nothing: a class with few examples stays near it."""
+
+
+class Trained(NamedTuple):
+    """A trained network: its card, and what it and the one that it started from find in the data kept apart."""
+
+    card: str  # In Markdown
+    before: Mapping[str, "Judged"]  # By source; empty if the weights were random at the start
+    after: Mapping[str, "Judged"]
 
 
 class Judged(NamedTuple):
@@ -90,6 +102,13 @@ def _judged_sweep(worlds: Worlds, found: Found, true: TrueBoxes) -> Judged:
     counted = sure[own]
     objects = np.bincount(true.classes[sure[:-1]], minlength=len(names))
     return Judged(found.log_odds[counted], found.classes[counted], is_right[counted], off[counted], objects)
+
+
+def precision_of(found: Judged) -> float:
+    """Average precision over the boxes of all classes together; 0 without objects."""
+    objects = int(found.objects.sum())
+    share = found.is_right.sum() / max(objects, 1)
+    return float(share * average_precision(found.log_odds, found.is_right)) if share else 0.0
 
 
 def calibration(found: Judged) -> F64:
@@ -170,40 +189,46 @@ def train_pillars(
     *,
     workers: int,
     progress: Progress,
-) -> str:
-    """Train a network, or continue from its checkpoint, write it as an ONNX file, and return its card in Markdown.
+    begun: Callable[[Mapping[str, Judged]], object] = lambda _: None,
+) -> Trained:
+    """Train a network, or continue from its checkpoint, write it as an ONNX file, and judge it.
 
-    Args and Raises: as for `fitted`.
+    Args and Raises: as for `fitted`. `begun` is called before the first step with what the network that it starts from
+    finds in the data kept apart.
     """
     worlds, seed, recordings = checkpoint.worlds, checkpoint.seed, checkpoint.recordings
 
     def step_done(step: int, loss: float) -> None:
         progress(FITTING_SHARE * step / steps, f"step {step} of {steps}, loss {loss:.3f}")
 
-    network = fitted(checkpoint, steps, workers=workers, step_done=step_done)
     half = min(max(steps // 100, 1), MAX_HELD_OUT // 2)
 
-    def judge_held_out(part: int) -> dict[str, Judged]:
+    def judge_held_out(part: int, network: Path = out) -> dict[str, Judged]:
         """Boxes in the data kept apart, by source; part 0 calibrates, part 1 judges."""
-        written, found = PillarNetwork(out), {}
+        written, found = PillarNetwork(network), {}
         if checkpoint.has_worlds:
             first, parts = FIRST_HELD_OUT + seed + part * half, []
             for row, number in enumerate(range(first, first + half), part * half + 1):
                 parts.append(judged_world(written, worlds, number))
-                share = FITTING_SHARE + (1 - FITTING_SHARE) * row / (2 * half)
-                progress(share, f"held-out world {row} of {2 * half}")
+                if network == out:
+                    share = FITTING_SHARE + (1 - FITTING_SHARE) * row / (2 * half)
+                    progress(share, f"held-out world {row} of {2 * half}")
             found[WORLDS] = joined(parts)
         if recordings is not None:
             frames = map(loaded, (recordings.calibrate, recordings.judge)[part])
-            found["recordings"] = joined([judged_frame(written, worlds, frame) for frame in frames])
+            found[RECORDINGS] = joined([judged_frame(written, worlds, frame) for frame in frames])
         return found
 
+    begin = existing_network_file(Path(checkpoint.begin)) if checkpoint.begin else None
+    before = judge_held_out(1, begin) if begin else {}
+    begun(before)
+    network = fitted(checkpoint, steps, workers=workers, step_done=step_done)
     specs = PillarSpecs(classes=tuple(FoundClass(name=name) for name in CLASSES[worlds]), grid=WRITTEN_GRIDS[worlds])
     out.write_bytes(onnx_bytes(network, specs, GRIDS[worlds]))
     parts = judge_held_out(0)
     if recordings is not None and checkpoint.has_worlds:  # give them as much weight as the worlds
         sweeps = half * SWEEPS_OF_A_WORLD
-        parts["recordings"] = joined([parts["recordings"]] * max(sweeps // len(recordings.calibrate), 1))
+        parts[RECORDINGS] = joined([parts[RECORDINGS]] * max(sweeps // len(recordings.calibrate), 1))
     found = joined([*parts.values()])
     factor, offset = torch.from_numpy(calibration(found).T.astype(np.float32))
     kinds = slice(len(factor))
@@ -212,16 +237,21 @@ def train_pillars(
         network.last_bias[kinds] = network.last_bias[kinds] * factor + offset
     specs = specs.model_copy(update={"classes": with_errors(CLASSES[worlds], found)})
     out.write_bytes(onnx_bytes(network, specs, GRIDS[worlds]))
-    tables = {name: figures(CLASSES[worlds], one) for name, one in judge_held_out(1).items()}
-    return _card(checkpoint, steps, half, tables)
+    after = judge_held_out(1)
+    return Trained(_card(checkpoint, steps, half, before, after), before, after)
 
 
-def _card(checkpoint: Checkpoint, steps: int, half: int, tables: Mapping[str, str]) -> str:
+def _card(
+    checkpoint: Checkpoint, steps: int, half: int, before: Mapping[str, Judged], after: Mapping[str, Judged]
+) -> str:
     family = f" --family {checkpoint.worlds}" if checkpoint.has_worlds else ""
     recordings = " --recordings RECORDING \\\n     " if checkpoint.recordings else ""
     how = " --bfloat16 \\\n     " if checkpoint.bfloat16 else ""
     sources = "\n".join(f"- from step {step} on {text}" for step, text in checkpoint.load().history)
-    table = "\n\n".join(f"In {name}:\n\n{table}" for name, table in tables.items())
+    classes = CLASSES[checkpoint.worlds]
+    table = "\n\n".join(f"In {name}:\n\n{figures(classes, found)}" for name, found in after.items())
+    first = Path(checkpoint.begin).name
+    table += "".join(f"\n\n`{first}` in {name}:\n\n{figures(classes, found)}" for name, found in before.items())
     apart = [f"{2 * half} other worlds"] * checkpoint.has_worlds + ["the frames kept apart"] * bool(recordings)
     return f"""# A 3D network in pillars
 

@@ -5,27 +5,32 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from detections import boxes3d
 
 from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Motion, ResultFrame, SourceBoxes
 from lidcam.training import recordings
 from lidcam.training.labelled import Recordings, loaded
 from lidcam.training.pillars import scenes
 from lidcam.training.pillars.scenes import Source, rounds
-from lidcam.training.recordings import read_recordings
+from lidcam.training.recordings import read_recordings, tracked_objects
 
 SANDBOX = Path(__file__).resolve().parents[3] / "bags" / "sandbox.bag"
 
 
-def read(folder: Path, *settings: str, duration_s: float | None = None) -> Recordings:
+def read(
+    folder: Path, *settings: str, duration_s: float | None = None, own_labels: bool = False, path: Path = SANDBOX
+) -> Recordings:
     folder.mkdir()
     return read_recordings(
-        [str(SANDBOX)],
+        [str(path)],
         folder,
         check=lambda _: None,
         progress=lambda *_: None,
         settings=settings,
         workers=1,
         duration_s=duration_s,
+        own_labels=own_labels,
     )
 
 
@@ -51,6 +56,52 @@ def test_frames_have_their_points_and_objects_and_some_are_kept_apart(sandbox: R
     assert {path.suffix for path in sandbox.train[0].parent.iterdir()}.isdisjoint({".cloud", ".mcap"})
 
 
+def test_sure_tracks_stand_in_for_truth(tmp_path: Path, sandbox: Recordings) -> None:
+    """The boxes of the tracks of both model cars are near the true ones; without truth in the recording."""
+    own = read(tmp_path / "a", "output.copy_topics=[]", own_labels=True)
+    assert [path.stem for path in own.train] == [path.stem for path in sandbox.train]
+    for one, other in zip(own.train, sandbox.train, strict=True):
+        found, true = loaded(one).true, loaded(other).true
+        order = np.linalg.norm(found.centers[:, None] - true.centers, axis=2).argmin(0)
+        assert sorted(order.tolist()) == [0, 1]
+        np.testing.assert_allclose(found.centers[order], true.centers, atol=0.03)
+        np.testing.assert_allclose(found.sizes[order], true.sizes, atol=0.05)
+        np.testing.assert_array_equal(found.points[order] > 20, [True, True])
+
+
+@pytest.mark.parametrize(
+    ("score", "seen", "track", "is_sure"),
+    [(0.95, 5, 1, True), (0.85, 5, 1, False), (0.95, 4, 1, False), (0.95, 5, UNKNOWN, False)],
+    ids=["sure", "doubted", "seen too briefly", "without a track"],
+)
+def test_what_makes_a_track_sure(score: float, seen: int, track: int, is_sure: bool) -> None:
+    """Beside it, a box of the lidars at the same place changes nothing, one elsewhere is ignored unless improbable."""
+    lidar = boxes3d(
+        [[0, 0, 0, 4, 2, 1.5, 0], [20, 0, 0, 4, 2, 1.5, 0], [30, 0, 0, 4, 2, 1.5, 0]], scores=[0.9, 0.4, 0.2]
+    )
+    fused = boxes3d([[0, 0, 0, 4, 2, 1.5, 0]], scores=[score])
+    frames = []
+    for index in range(7):
+        motion = Motion(np.zeros((1, 2)), np.zeros(1), np.array([index >= seen]))
+        sources = {
+            "lidar": SourceBoxes(lidar, np.full(3, UNKNOWN)),
+            "fused": SourceBoxes(fused, np.array([track]), motion),
+        }
+        frames.append(ResultFrame(index, index, index, sources, {}))
+    for index, (number, truth) in enumerate(tracked_objects(lambda: frames)):
+        assert number == index
+        assert truth.is_ignored.tolist() == [not is_sure, True]
+        assert truth.centers[:, 0].tolist() == [0, 20]
+
+
+def test_of_many_frames_some_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recordings, "MAX_FRAMES", 6)
+    monkeypatch.setattr(recordings, "MIN_FRAMES", 3)
+    monkeypatch.setattr(recordings, "GAP_NS", 0)
+    some = read(tmp_path / "a")
+    assert [int(path.stem) for part in some[:3] for path in part] == [0, 4, 8, 12, 16]
+
+
 def test_scenes_are_the_same_for_any_number_of_workers(sandbox: Recordings, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scenes, "WORLDS_OF_A_ROUND", 2)
     monkeypatch.setattr(scenes, "process_pool", ThreadPoolExecutor)  # processes take seconds to begin
@@ -66,7 +117,7 @@ def test_scenes_are_the_same_for_any_number_of_workers(sandbox: Recordings, monk
     ("settings", "duration_s", "message"),
     [
         (["output.copy_topics=[]"], 0.3, r"sandbox.bag: expected topics of truth to learn from, found none$"),
-        ([], 0.5, r"expected a recording of 10 frames with truth or more, .* found [345] in all, .* and 0 kept apart"),
+        ([], 0.5, r"expected a recording of 10 labelled frames or more, .* found [345] in all, .* and 0 kept apart"),
         ([], 1.2, r"the last fifth is kept apart, and a gap of 1 s .* found 1[01] in all, 0 to learn from and 2 kept"),
     ],
 )
@@ -76,3 +127,9 @@ def test_recordings_that_do_not_do(
     monkeypatch.setattr(recordings, "GAP_NS", 1_000_000_000)
     with pytest.raises(RecordingError, match=message):
         read(tmp_path / "a", *settings, duration_s=duration_s)
+
+
+def test_a_recording_with_nothing_to_learn_from(tmp_path: Path) -> None:
+    expected = r"sandbox.bag: nothing to learn from: expected 20 boxes .* found 0 in 12 frames; keep the network"
+    with pytest.raises(RecordingError, match=expected):
+        read(tmp_path / "a", "combine.max_range_m=0.5", own_labels=True)

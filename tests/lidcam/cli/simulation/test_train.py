@@ -1,23 +1,35 @@
-"""`lidcam train`, as far as it goes without training."""
+"""`lidcam train` and `lidcam adapt`, as far as they go without training."""
 
+# without torch the file is skipped before it imports what needs it
+
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from lidcam.cli import app
-from lidcam.pipeline.core.errors import ConfigError, ModelError, OutputError, RecordingError
-
 pytest.importorskip("torch", reason="needs the extra train")
+
+from lidcam.cli import app
+from lidcam.pipeline.core.errors import ConfigError, LidcamError, ModelError, OutputError, RecordingError
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import load_config
+from lidcam.training import recordings
+from lidcam.training.labelled import WORLDS, Recordings
+from lidcam.training.pillars import train
+from lidcam.training.pillars.fit import Checkpoint
+from lidcam.training.pillars.train import Judged, Trained
 
 
 @pytest.mark.parametrize(
     ("command", "name"),
     [
-        (("clusters", "--out", "mine.npz"), "mine.npz"),
-        (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.onnx"),
-        (("pillars", "--steps", "1", "--out", "mine.onnx"), "mine.ckpt"),
-        (("convert", "net.pth", "--out", "mine.onnx"), "mine.onnx"),
+        (("train", "clusters", "--out", "mine.npz"), "mine.npz"),
+        (("train", "pillars", "--steps", "1", "--out", "mine.onnx"), "mine.onnx"),
+        (("train", "pillars", "--steps", "1", "--out", "mine.onnx"), "mine.ckpt"),
+        (("adapt", "drive.mcap", "--out", "mine.onnx"), "mine.ckpt"),
+        (("train", "convert", "net.pth", "--out", "mine.onnx"), "mine.onnx"),
     ],
 )
 def test_what_is_there_stays(
@@ -25,7 +37,7 @@ def test_what_is_there_stays(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / name).write_text("mine", encoding="utf-8")
-    done = CliRunner().invoke(app, ["train", *command])
+    done = CliRunner().invoke(app, command)
     assert isinstance(done.exception, OutputError)
     assert f"{name}: exists; " in str(done.exception)
     assert [path.name for path in tmp_path.iterdir()] == [name]
@@ -62,4 +74,75 @@ def test_recordings_of_other_sizes_are_not_learned_from(
     assert isinstance(done.exception, ConfigError)
     assert f"expected {expected}" in str(done.exception)
     assert "found the classes car" in str(done.exception)
+    assert not [*tmp_path.iterdir()]
+
+
+def found(*is_right: bool) -> Judged:
+    """Boxes, likelier ones first, of two objects."""
+    count = len(is_right)
+    errors = np.zeros((count, 3))
+    return Judged(np.arange(count)[::-1] * 1.0, np.zeros(count, np.int64), np.array(is_right), errors, np.array([2]))
+
+
+@pytest.mark.parametrize(
+    ("after", "error"),
+    [
+        (found(True, True), None),
+        (found(True, False, True), "a.bag: nothing gained: average precision in the held-out frames 0.833 before, 0.8"),
+        (found(True), "0.833 before, 0.500 after; no network written"),
+        (found(), "0.833 before, 0.000 after; no network written"),
+    ],
+    ids=["better", "as good", "worse", "nothing found"],
+)
+def test_only_a_better_network_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: Judged, error: str | None
+) -> None:
+    def trained(checkpoint: Checkpoint, out: Path, steps: int, **_: object) -> Trained:
+        assert (checkpoint.worlds, Path(checkpoint.begin).name, steps) == ("sandbox", "sandbox.onnx", 9)
+        assert checkpoint.has_worlds
+        out.write_bytes(b"network")
+        before = found(True, False, True)
+        return Trained("# Card\n", *({"recordings": one, WORLDS: found(True)} for one in (before, after)))
+
+    def read(_: object, __: Path, *, check: Callable[[Config], object], own_labels: bool, **___: object) -> Recordings:
+        check(load_config("sandbox"))
+        assert own_labels
+        return Recordings((), (), (), tmp_path, ())
+
+    monkeypatch.setattr(train, "train_pillars", trained)
+    monkeypatch.setattr(recordings, "read_recordings", read)
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["adapt", "a.bag", "--out", "mine.onnx", "--steps", "9"])
+    if error is None:
+        assert done.output.splitlines()[:2] == [
+            "average precision in held-out frames, by their own labels: 0.833 before, 1.000 after",
+            "average precision in simulated worlds: 0.500 before, 0.500 after",
+        ]
+        assert (tmp_path / "mine.onnx").read_bytes() == b"network"
+        assert (tmp_path / "mine.md").read_text(encoding="utf-8") == "# Card\n"
+    else:
+        assert isinstance(done.exception, LidcamError)
+        assert error in str(done.exception)
+        assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize(
+    ("settings", "error"),
+    [
+        (
+            ["detect3d.method=cluster"],
+            "expected recordings that one 3D network is for, found the classes car with no",
+        ),
+        ([], "sandbox.bag: nothing to gain: the network finds all in the held-out frames, and nothing else"),
+    ],
+)
+def test_what_is_not_adapted_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, settings: list[str], error: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    bag = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
+    given = [part for one in settings for part in ("--set", one)]
+    done = CliRunner().invoke(app, ["adapt", str(bag), "--out", "mine.onnx", "--workers", "1", *given])
+    assert isinstance(done.exception, LidcamError)
+    assert error in str(done.exception)
     assert not [*tmp_path.iterdir()]

@@ -1,0 +1,95 @@
+"""The command `lidcam adapt`."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lidcam.cli.options import ConfigFile, Overwrite, RigFile, Setting, with_log_options
+from lidcam.cli.printing.log import remark_log
+from lidcam.cli.simulation.train import NetworkOut, Resume, Seed, Workers, check_training, read, train_network
+from lidcam.pipeline.core.errors import ConfigError, LidcamError
+
+if TYPE_CHECKING:
+    from lidcam.pipeline.core.settings.config import Config
+    from lidcam.training.pillars.scenes import Worlds
+    from lidcam.training.pillars.train import Judged, Trained
+
+# \b keeps the lines of a paragraph as they are.
+ADAPT_EXAMPLES = """\b
+Examples:
+  lidcam adapt drive.mcap --out mine.onnx
+  lidcam adapt monday.bag tuesday.bag --out mine.onnx --steps 1600
+  lidcam process drive.mcap out.mcap --model-3d mine.onnx
+"""
+
+
+@with_log_options
+def adapt(
+    recordings: Annotated[
+        list[str],
+        typer.Argument(metavar="RECORDING...", help="Recordings of the sensors and places that the network is for."),
+    ],
+    out: NetworkOut,
+    steps: Annotated[int, typer.Option(min=1, metavar="N", help="Total number of steps, of four sweeps each.")] = 800,
+    config_file: ConfigFile = None,
+    settings: Setting = None,
+    rig_files: RigFile = None,
+    seed: Seed = 0,
+    workers: Workers = None,
+    resume: Resume = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Adapt the 3D network to your sensors, without labels.
+
+    Recordings are processed with offline tracks, and the objects of sure tracks are the labels: seen for long, and
+    probable after all that lidars and cameras say. Half of the scenes come from simulated worlds. The network is
+    written only if it finds more than the one that is there in the last fifth of each recording, which is held out.
+    """
+    check_training()
+    from lidcam.pipeline.detectors.cluster.kinds import knows
+    from lidcam.run.box_sources import network_3d
+    from lidcam.training.labelled import WORLDS
+    from lidcam.training.pillars.fit import Checkpoint
+    from lidcam.training.pillars.train import RECORDINGS, precision_of
+
+    networks: dict[Path, Worlds] = {}
+
+    def check(config: "Config") -> None:
+        network = network_3d(config)
+        if network is None or networks.keys() - {network}:
+            raise ConfigError(
+                f"expected recordings that one 3D network is for, found the classes {', '.join(config.class_names)} "
+                f"with {network.name if network else 'no network'}; lidcam config shows the presets"
+            )
+        networks[network] = "all" if knows(config.classes) else "sandbox"
+
+    def checkpoint_in(folder: Path) -> Checkpoint:
+        labelled = read(recordings, folder, check, config_file, settings, rig_files, workers, own_labels=True)
+        ((network, worlds),) = networks.items()
+        return Checkpoint(out.with_suffix(".ckpt"), worlds, seed, labelled, begin=str(network))
+
+    def begun(before: "Mapping[str, Judged]") -> None:
+        if precision_of(before[RECORDINGS]) == 1:
+            raise LidcamError(
+                f"{title}: nothing to gain: the network finds all in the held-out frames, and nothing else"
+            )
+
+    def check_gain(trained: "Trained") -> None:
+        before, after = (precision_of(one[RECORDINGS]) for one in (trained.before, trained.after))
+        if after <= before:
+            raise LidcamError(
+                f"{title}: nothing gained: average precision in the held-out frames {before:.3f} before, {after:.3f} "
+                "after; no network written"
+            )
+
+    title = ", ".join(recordings)
+    trained = train_network(
+        out, steps, checkpoint_in, workers=workers, resume=resume, overwrite=overwrite, begun=begun, check=check_gain
+    )
+    for name, what in ((RECORDINGS, "held-out frames, by their own labels"), (WORLDS, "simulated worlds")):
+        before, after = (precision_of(one[name]) for one in (trained.before, trained.after))
+        typer.echo(f"average precision in {what}: {before:.3f} before, {after:.3f} after")
+    remark_log.info("wrote %s, %s", out, out.with_suffix(".md"))
+    remark_log.info("to use it: lidcam process %s out.mcap --model-3d %s", recordings[0], out)
