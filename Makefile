@@ -108,8 +108,12 @@ coverage: $(INSTALLED_ALL)
 fuzz: $(INSTALLED_ALL)
 	$(BIN)/python tests/fuzz/fuzz.py $(MINUTES:%=--minutes=%)
 
+# Each gets an equal share of the minutes.
+CAMPAIGNS = containers long_run signals
 campaign: $(INSTALLED_ALL)
-	$(BIN)/python tests/campaign/run_all.py $(MINUTES:%=--minutes=%)
+	@failed=0; for name in $(CAMPAIGNS); do \
+		$(BIN)/python tests/campaign/$$name.py --minutes=$$(awk 'BEGIN {print $(or $(MINUTES),30) / $(words $(CAMPAIGNS))}') || failed=1; \
+	done; exit $$failed
 
 samples: $(INSTALLED_ALL)
 	$(BIN)/lidcam simulate sandbox bags/sandbox.bag --overwrite --duration 2 --set 'lidars.*.firing_stride=4' --set 'cameras.*.jpeg_quality=40'

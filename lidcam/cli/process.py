@@ -18,10 +18,8 @@ from lidcam.cli.options import (
     SCREEN,
     AsJson,
     JsonFile,
-    Require,
     Version,
     output_option,
-    requirement_errors,
     with_job_options,
     with_log_options,
 )
@@ -35,8 +33,6 @@ from lidcam.readers.location import ENDINGS, Location, location, recording_stem
 from lidcam.run.options import CLI_OPTIONS, JobOptions
 
 if TYPE_CHECKING:
-    from lidcam.evaluation.evaluation import Evaluation
-    from lidcam.evaluation.requirement import Requirement
     from lidcam.run.job import Job
     from lidcam.run.summary import RunSummary
 
@@ -45,9 +41,8 @@ logger = logging.getLogger(__name__)
 # \b keeps the lines of a paragraph as they are.
 PROCESS_EXAMPLES = """\b
 Exit codes: 0 done, nothing is missing; 1 failed, nothing was written (if
---strict or --require is not met, the outputs are kept); 2 wrong usage;
-3 done, but part of the recording could not be used. See the last lines on
-stderr.
+--strict is not met, the outputs are kept); 2 wrong usage; 3 done, but part
+of the recording could not be used. See the last lines on stderr.
 
 \b
 Examples:
@@ -57,7 +52,6 @@ Examples:
   lidcam process drive.bag out.mcap --rig site.yaml --start 30 --duration 10
   lidcam process part_0.mcap part_1.mcap out.mcap --set sync.slop_s=0.05
   lidcam process https://host/drive.mcap out.mcap --start 30 --duration 10
-  lidcam process drive.bag out.mcap --require "fused.car.recall > 0.8"
 """
 
 
@@ -113,13 +107,6 @@ def process(
     ] = "km/h",
     as_json: AsJson = False,
     json_file: JsonFile = None,
-    evaluate_: Annotated[
-        bool,
-        typer.Option(
-            "--evaluate", help="Evaluate the result afterwards, like `lidcam evaluate`.", rich_help_panel=CHECKING
-        ),
-    ] = False,
-    requirements: Require = None,
     strict: Annotated[
         bool,
         typer.Option(
@@ -153,16 +140,7 @@ def process(
     from lidcam.run.job import make_job
 
     outputs = [output, *(location(one) for one in (rerun, objects, report, video) if one is not None)]
-    with (
-        requirement_errors(),
-        made_folder(folder),
-        sent_when_complete(outputs, inputs, overwrite=options["overwrite"]) as sending,
-    ):
-        required: Sequence[Requirement] | None = () if evaluate_ else None
-        if requirements:
-            from lidcam.evaluation.requirement import read_requirements
-
-            required = read_requirements(requirements)
+    with made_folder(folder), sent_when_complete(outputs, inputs, overwrite=options["overwrite"]) as sending:
         job = make_job(inputs, sending.local, **options)
         run_process(
             job,
@@ -172,7 +150,6 @@ def process(
             as_json=as_json,
             json_file=json_file,
             strict=strict,
-            requirements=required,
             send=sending.send,
         )
 
@@ -273,7 +250,6 @@ def run_process(
     as_json: bool = False,
     json_file: Path | None = None,
     strict: bool = False,
-    requirements: "Sequence[Requirement] | None" = None,
     send: "Callable[[RunSummary], RunSummary]" = lambda summary: summary,
 ) -> None:
     """Process a recording and print a summary.
@@ -286,7 +262,6 @@ def run_process(
         as_json: Print JSON instead of tables.
         json_file: File for the JSON.
         strict: Fail if too little of the recording was used.
-        requirements: Limits that the figures of the result must meet; None: the result is not evaluated.
         send: Called with the summary when the outputs are complete; puts them in place.
 
     Raises:
@@ -305,14 +280,12 @@ def run_process(
     others = (*job.inputs, *written_files(job), *job.read_files)
     with json_output(json_file, inputs=others, overwrite=job.overwrite) as write_json:
         with ExitStack() as stack:
-            shown = ShownRun(out, stack, requirements or (), detections=detections, matches=matches)
+            shown = ShownRun(out, stack, detections=detections, matches=matches)
             summary = process_recording(job, shown)
-        evaluation = None if requirements is None else _evaluated(job, requirements)
         failure = strict_failure(summary) if strict else ""
-        failures = ((failure,) if failure else ()) + (evaluation.failures if evaluation else ())
-        verdict = Verdict(failures, summary.incomplete)
+        verdict = Verdict((failure,) if failure else (), summary.incomplete)
         summary = send(summary)
-        tree = _tree(summary, evaluation, verdict)
+        tree = _tree(summary, verdict)
         write_json(tree)
     for drop in summary.drops.messages:
         logger.info("dropped: %s: %d messages: %s %s", drop.topic, drop.count, drop.reason, drop.example)
@@ -327,40 +300,20 @@ def run_process(
             print_details(out, summary)
             out.print()
         print_summary(out, summary, units)
-    if evaluation is not None and not as_json:
-        from lidcam.cli.printing.evaluation import print_evaluation
-
-        out.print()
-        print_evaluation(out, evaluation, everything=is_verbose())
     verdict.end()
 
 
-def _evaluated(job: "Job", requirements: "Sequence[Requirement]") -> "Evaluation":
-    from lidcam.cli.printing.progress import show_progress
-    from lidcam.evaluation.evaluate import evaluate_result
-    from lidcam.evaluation.evaluation import EvaluationJob
-
-    (result,) = (path for path in job.outputs if path.suffix == ".mcap")
-    return evaluate_result(EvaluationJob(result, requirements=tuple(requirements)), show_progress)
-
-
-def _tree(summary: "RunSummary", evaluation: "Evaluation | None", verdict: Verdict) -> dict[str, Any]:
+def _tree(summary: "RunSummary", verdict: Verdict) -> dict[str, Any]:
     from lidcam.cli.json_output import figures_document
     from lidcam.run.choice import used_record
     from lidcam.run.summary import summary_tree
 
-    figures = summary_tree(summary)
-    if evaluation is not None:
-        measured = evaluation.tree()
-        both = {key: figures[key] | measured.get(key, {}) for key in ("sync", "timing")}
-        figures = {**figures, **measured, **both}
     return figures_document(
         "process",
         inputs=summary.inputs.files,
         settings=used_record(summary.settings) | {"sha256": summary.settings_sha256},
-        truth=evaluation.truth.tree() if evaluation and evaluation.truth else None,
-        figures=figures,
+        figures=summary_tree(summary),
         verdict=verdict,
-        warnings=(*summary.warnings, *(evaluation.warnings if evaluation else ())),
-        notes=(*summary.notes, *(evaluation.notes if evaluation else ())),
+        warnings=summary.warnings,
+        notes=summary.notes,
     )

@@ -124,7 +124,6 @@ def test_names_that_are_no_utf_8(lidcam: Lidcam, tmp_path: Path) -> None:
         (("--set", "sync.reference=/nothing"), 1, "/nothing"),
         (("--rerun", "/dev/null/out.rrd"), 1, "/dev/null/out.rrd: cannot be written: Not a directory"),
         (("--rerun", "out.txt"), 2, ".rrd"),
-        (("--require", "fused.car.recal >= 0.9"), 2, "'fused.car.recal': did you mean 'fused.car.recall'?"),
         (("--json", "--print-matches"), 2, "--json"),
         (("--duration", "nan"), 2, "--duration"),
         (("--duration", "-1"), 2, "expected more than 0 seconds, found -1"),

@@ -50,6 +50,9 @@ def test_requirements_that_are_met_and_not(lidcam: Lidcam, result: Path, tmp_pat
     refused = lidcam("evaluate", result, "--require", f"@{renamed}", "--json-file", renamed, "--overwrite")
     assert refused.code == 1
     assert "gate.json: is an input of this run" in refused.error_line
+    unknown = lidcam("evaluate", result, "--require", "fused.car.recal >= 0.9")
+    assert unknown.code == 2
+    assert "'fused.car.recal': did you mean 'fused.car.recall'?" in " ".join(unknown.err.split())
 
 
 def steps(path: Path = WORKFLOW) -> Iterator[dict[str, Any]]:

@@ -14,7 +14,7 @@ COMMANDS = [
     "process {sandbox} out.mcap --rig {url}",
     "process {sandbox} out.mcap --model-2d {url}",
     "process {sandbox} out.mcap --set {url}",
-    "process {sandbox} out.mcap --evaluate --require @{url}",
+    "evaluate out.mcap --require @{url}",
     "process {sandbox} {url}",
     "batch {sandbox} --out {url}",
     "evaluate {url}",

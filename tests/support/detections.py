@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidcam.pipeline.core.camera import CameraModel
-from lidcam.pipeline.core.detections import Boxes2D, Boxes3D
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Matches
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, Rig
@@ -54,6 +54,13 @@ def boxes2d(rows: npt.ArrayLike, *, frame_id: str = "cam") -> Boxes2D:
         table[:, 4].astype(np.float32),
         table[:, 5].astype(np.int32),
     )
+
+
+def matches(pairs: npt.ArrayLike, projected_xyxy: npt.ArrayLike, *, overlaps: float | Sequence[float] = 0.8) -> Matches:
+    """Pairs of rows of 3D and 2D boxes, and the 3D boxes in the image, of which none hides another."""
+    rows, xyxy = np.array(pairs, np.int64).reshape(-1, 2), np.array(projected_xyxy, np.float32).reshape(-1, 4)
+    iou = np.broadcast_to(np.float32(overlaps), len(rows)).copy()
+    return Matches(rows, iou, xyxy, np.zeros(len(xyxy), np.float32), np.zeros_like(xyxy))
 
 
 def forward_camera(

@@ -1,19 +1,18 @@
 """Messages with Foxglove's schemas, in protobuf by Google's runtime and in JSON: an independent writer for our readers.
 
-A message is a mapping of the schema's field names: times are integers in nanoseconds, payloads bytes, enumerations
-numbers. `twin` says in a Foxglove schema what a ROS message says.
+The schemas are those of Foxglove's SDK. A message is a mapping of a schema's field names: times are integers in
+nanoseconds, payloads bytes, enumerations numbers. `twin` says in a Foxglove schema what a ROS message says.
 """
 
 import json
-import re
 from base64 import b64encode
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any, Literal
 
+import foxglove.messages
 import numpy as np
-from google.protobuf import timestamp_pb2
-from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message_factory import GetMessages
 
 from lidcam.pipeline.core.messages import Channel, RawMessage
@@ -23,52 +22,6 @@ Encoding = Literal["protobuf", "json"]
 Fields = Mapping[str, Any]
 
 TIME = "google.protobuf.Timestamp"
-
-PROTO = """
-message Vector3 { double x = 1; double y = 2; double z = 3; }
-message Quaternion { double x = 1; double y = 2; double z = 3; double w = 4; }
-message Pose { foxglove.Vector3 position = 1; foxglove.Quaternion orientation = 2; }
-message PackedElementField { string name = 1; fixed32 offset = 2; int32 type = 3; }
-message PointCloud {
-  google.protobuf.Timestamp timestamp = 1; string frame_id = 2; foxglove.Pose pose = 3; fixed32 point_stride = 4;
-  repeated foxglove.PackedElementField fields = 5; bytes data = 6;
-}
-message RawImage {
-  google.protobuf.Timestamp timestamp = 1; string frame_id = 7; fixed32 width = 2; fixed32 height = 3;
-  string encoding = 4; fixed32 step = 5; bytes data = 6;
-}
-message CompressedImage {
-  google.protobuf.Timestamp timestamp = 1; string frame_id = 4; bytes data = 2; string format = 3;
-}
-message CompressedPointCloud {
-  google.protobuf.Timestamp timestamp = 1; string frame_id = 2; foxglove.Pose pose = 3; bytes data = 4;
-  string format = 5;
-}
-message CompressedVideo {
-  google.protobuf.Timestamp timestamp = 1; string frame_id = 2; bytes data = 3; string format = 4;
-}
-message CameraCalibration {
-  google.protobuf.Timestamp timestamp = 1; string frame_id = 9; fixed32 width = 2; fixed32 height = 3;
-  string distortion_model = 4; repeated double D = 5; repeated double K = 6; repeated double R = 7;
-  repeated double P = 8;
-}
-message FrameTransform {
-  google.protobuf.Timestamp timestamp = 1; string parent_frame_id = 2; string child_frame_id = 3;
-  foxglove.Vector3 translation = 4; foxglove.Quaternion rotation = 5;
-}
-message FrameTransforms { repeated foxglove.FrameTransform transforms = 1; }
-"""
-"""Names, numbers and types as in the package foxglove-schemas-protobuf 0.4.0."""
-
-
-SCHEMAS = {
-    schema: {
-        name: (kind, int(number), bool(repeated))
-        for repeated, kind, name, number in re.findall(r"(repeated )?([\w.]+) (\w+) = (\d+);", fields)
-    }
-    for schema, fields in re.findall(r"message (\w+) {([^}]*)}", PROTO)
-}
-"""Type, number, and whether it is a list, of each field by schema and name."""
 
 SCHEMA_OF = {
     "sensor_msgs/msg/PointCloud2": "foxglove.PointCloud",
@@ -84,32 +37,22 @@ NUMERIC_TYPES = {1: 2, 2: 1, 3: 4, 4: 3, 5: 6, 6: 5, 7: 7, 8: 8}
 
 
 @lru_cache
-def _descriptors() -> FileDescriptorSet:
-    time = FileDescriptorProto()
-    timestamp_pb2.DESCRIPTOR.CopyToProto(time)
-    file = FileDescriptorProto(name="foxglove.proto", package="foxglove", syntax="proto3", dependency=[time.name])
-    for schema, fields in SCHEMAS.items():
-        message = file.message_type.add(name=schema)
-        for name, (kind, number, is_list) in fields.items():
-            label = FieldDescriptorProto.LABEL_REPEATED if is_list else FieldDescriptorProto.LABEL_OPTIONAL
-            added = message.field.add(name=name, number=number, label=label)
-            if "." in kind:
-                added.type, added.type_name = FieldDescriptorProto.TYPE_MESSAGE, f".{kind}"
-            else:
-                added.type = getattr(FieldDescriptorProto, f"TYPE_{kind.upper()}")
-    return FileDescriptorSet(file=[file, time])  # a file before its dependency: the specification sets no order
+def _descriptors(schema: str) -> FileDescriptorSet:
+    """Foxglove's own description of a schema, dependencies last: the specification sets no order."""
+    known = getattr(foxglove.messages, schema.removeprefix("foxglove.")).get_schema()
+    return FileDescriptorSet(file=reversed(FileDescriptorSet.FromString(known.data).file))
 
 
 @lru_cache
-def _classes() -> dict[str, Any]:
-    return dict(GetMessages([*reversed(_descriptors().file)]))
+def _class(schema: str) -> Any:
+    return GetMessages([*reversed(_descriptors(schema).file)])[schema]
 
 
 @lru_cache
 def _channel(topic: str, schema: str, encoding: Encoding) -> Channel:
     if encoding == "json":
         return Channel(topic, schema, "json", '{"type": "object"}', "jsonschema")
-    return Channel(topic, schema, "protobuf", b64encode(_descriptors().SerializeToString()).decode(), "protobuf")
+    return Channel(topic, schema, "protobuf", b64encode(_descriptors(schema).SerializeToString()).decode(), "protobuf")
 
 
 def foxglove_raw(
@@ -122,9 +65,9 @@ def foxglove_raw(
     order: tuple[int, ...] = (0, 0),
 ) -> RawMessage:
     """An undecoded message as the MCAP reader yields it, with the log time as its stamp."""
-    written = _written(schema.removeprefix("foxglove."), fields, encoding)
-    is_json = encoding == "json"
-    data = json.dumps(written).encode() if is_json else bytes(_classes()[schema](**written).SerializeToString())
+    kind = _class(schema)
+    written = _written(kind.DESCRIPTOR, fields, encoding)
+    data = json.dumps(written).encode() if encoding == "json" else bytes(kind(**written).SerializeToString())
     return RawMessage(log_time_ns, log_time_ns, order, data, _channel(topic, schema, encoding))
 
 
@@ -137,20 +80,20 @@ def twin(message: RawMessage, encoding: Encoding) -> RawMessage:
     return foxglove_raw(message.topic, schema, fields, message.log_time_ns, encoding, order=message.order)
 
 
-def _written(schema: str, fields: Fields, encoding: Encoding) -> dict[str, Any]:
+def _written(descriptor: Any, fields: Fields, encoding: Encoding) -> dict[str, Any]:
     """Fields as the encoding has them: times in two parts; in JSON, bytes as text."""
     found: dict[str, Any] = {}
     for name, value in fields.items():
-        kind, _, is_list = SCHEMAS[schema][name]
-        inner = kind.removeprefix("foxglove.")
-        if kind == TIME:
+        field = descriptor.fields_by_name[name]
+        inner, is_list = field.message_type, field.is_repeated
+        if inner is not None and inner.full_name == TIME:
             names = ("sec", "nsec") if encoding == "json" else ("seconds", "nanos")
             found[name] = dict(zip(names, divmod(value, 10**9), strict=True))
-        elif kind == "bytes" and encoding == "json":
-            found[name] = b64encode(value).decode()
-        elif inner in SCHEMAS:
+        elif inner is not None:
             items = [_written(inner, item, encoding) for item in (value if is_list else [value])]
             found[name] = items if is_list else items[0]
+        elif field.type == field.TYPE_BYTES and encoding == "json":
+            found[name] = b64encode(value).decode()
         else:
             found[name] = [*value] if is_list else value
     return found

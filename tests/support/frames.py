@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 from builders import header, image, raw
-from detections import boxes3d, forward_camera
+from detections import boxes3d, forward_camera, matches
 
 from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud
 from lidcam.pipeline.core.detections import (
@@ -187,11 +187,4 @@ def _matches(matched: bool, found: Boxes3D, row: int) -> Matches:
     camera = RIG.cameras[row]
     corners = box_corners(found.centers, found.sizes, found.yaws)
     projected = camera.model.project_boxes(camera.T_camera_site.apply(corners))
-    n = int(matched)
-    return Matches(
-        np.zeros((n, 2), np.int64),
-        np.full(n, 0.625, np.float32),
-        projected,
-        np.zeros(len(projected), np.float32),
-        np.zeros((len(projected), 4), np.float32),
-    )
+    return matches(np.zeros((int(matched), 2)), projected, overlaps=0.625)

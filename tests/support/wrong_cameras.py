@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from detections import boxes2d, boxes3d, forward_camera
+from detections import boxes2d, boxes3d, forward_camera, matches
 from frames import frame
 from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.core.arrays import F64, I64
-from lidcam.pipeline.core.detections import Detections, Fused, Hypotheses, Matches
+from lidcam.pipeline.core.detections import Detections, Fused, Hypotheses
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
@@ -84,8 +84,7 @@ def _seen(
     n = len(found)
     rows = np.arange(n)
     seen = replace(boxes2d(np.c_[xyxy[shown], np.full(n, 0.9), np.zeros(n)]), stamp_ns=image_ns)
-    half, free = np.full(n, 0.5, np.float32), np.zeros((n, 4), np.float32)
-    matches = Matches(np.stack([rows, rows], 1), half, seen.xyxy, free[:, 0], free)
+    matched = matches(np.stack([rows, rows], 1), seen.xyxy, overlaps=0.5)
     tracked = replace(Tracks.none(n), ids=1 + np.flatnonzero(shown), velocities=velocities[shown])
     moved = np.eye(4)
     moved[0, 3] = -(image_m - ahead_m)
@@ -95,7 +94,7 @@ def _seen(
         bundle=replace(EMPTY.bundle, index=number, stamp_ns=stamp_ns, motion=_motion(stamp_ns, speed_m_s)),
         detections=Detections(found, {"cam": seen}),
         views={"cam": view},
-        hypotheses=Hypotheses(found, {"cam": matches}, n),
+        hypotheses=Hypotheses(found, {"cam": matched}, n),
         fused=Fused(found, np.ones(n, np.int32), rows, tracks=tracked),
     )
 

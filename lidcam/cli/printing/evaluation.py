@@ -124,7 +124,7 @@ def truth_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
     sources: Tree = tree["sources"]
     if tree["frames_with_truth"] and sources:
         shown = {source: _with_shown_ap(classes) for source, classes in sources.items()}
-        yield _source_table("detection", shown, _detection_columns()), _detection_explained(sources)
+        yield _source_table("detection", shown, DETECTION_COLUMNS), _detection_explained(sources)
         if any(gain["value"] is not None for gain in _gains(tree["fusion_gain"]).values()):
             yield _gain_table(tree["fusion_gain"]), _gain_explained(tree["fusion_gain"])
         yield _source_table("errors of matched boxes (metres, degrees)", sources, ERROR_COLUMNS), ERRORS
@@ -158,6 +158,16 @@ def _digits(digits: int, form: Callable[..., str] = number) -> Callable[[Any], s
 Columns = Sequence[tuple[str, str, Callable[[Any], str]]]
 """The columns of a table: heading, dotted name of the figure, and format."""
 
+DETECTION_COLUMNS: Columns = (
+    ("truth", "truth", str),
+    ("boxes", "found", str),
+    ("recall", "recall", share),
+    ("prec.", "precision", share),
+    ("false", "false_per_frame", _digits(2)),
+    ("AP bev", AP_BEV, share),
+    ("AP 3D", AP_3D, share),
+    ("mAP", "distance.map", share),
+)
 ERROR_COLUMNS: Columns = (
     ("position", "errors.position_bev_m.mean", _digits(3)),
     ("95 %", "errors.position_bev_m.p95", _digits(3)),
@@ -223,19 +233,6 @@ CHAINS = (
     "chain: boxes of one object over time. seconds: mean length. missing: share of frames between first and last. "
     "flickers: gaps of a few frames. relabelled, flips: changes between frames.",
 )
-
-
-def _detection_columns() -> Columns:
-    return (
-        ("truth", "truth", str),
-        ("boxes", "found", str),
-        ("recall", "recall", share),
-        ("prec.", "precision", share),
-        ("false", "false_per_frame", _digits(2)),
-        ("AP bev", AP_BEV, share),
-        ("AP 3D", AP_3D, share),
-        ("mAP", "distance.map", share),
-    )
 
 
 def _with_shown_ap(classes: Tree) -> Tree:

@@ -2,9 +2,7 @@
 
 import gc
 import time
-from collections.abc import Sequence
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 
@@ -14,12 +12,6 @@ from lidcam.pipeline.core.frame import FrameResult
 from lidcam.processing import RunObserver
 from lidcam.run.frames import RunInput
 from lidcam.run.tally import RunProgress
-
-if TYPE_CHECKING:
-    from lidcam.evaluation.requirement import Requirement
-
-SOURCES = ("lidar", "fused")
-"""Sources of 3D boxes in every result."""
 
 
 class ShownProgress(RunObserver):
@@ -55,28 +47,14 @@ class ShownProgress(RunObserver):
 class ShownRun(RunObserver):
     """Shows a run until the stack is closed, with the detections and matches of each frame if asked for."""
 
-    def __init__(
-        self,
-        out: Console,
-        stack: ExitStack,
-        requirements: "Sequence[Requirement]" = (),
-        *,
-        detections: bool = False,
-        matches: bool = False,
-    ) -> None:
-        self._out, self._requirements = out, requirements
-        self._detections, self._matches = detections, matches
+    def __init__(self, out: Console, stack: ExitStack, *, detections: bool = False, matches: bool = False) -> None:
+        self._out, self._detections, self._matches = out, detections, matches
         # On a terminal, printed frames show the progress, and a bar would break into them.
         self._progress = RunObserver() if out.is_terminal and (detections or matches) else ShownProgress(stack)
 
     def opened(self, source: RunInput) -> None:
-        """Begin; a requirement of an unknown figure raises RequirementError."""
+        """Begin."""
         gc.freeze()  # libraries and stages stay: looking for garbage among them takes 5 ms a frame
-        if self._requirements:
-            from lidcam.evaluation.evaluators import known_figures
-            from lidcam.evaluation.requirement import check_names
-
-            check_names(self._requirements, known_figures(source.config, source.rig, SOURCES))
         self._config = source.config
         self._progress.opened(source)
 

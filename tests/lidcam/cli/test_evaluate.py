@@ -1,4 +1,4 @@
-"""`lidcam evaluate` and `process --evaluate`: their output, and how they end."""
+"""`lidcam evaluate`: its output, and how it ends."""
 
 import json
 import re
@@ -17,8 +17,7 @@ from perturbed_results import perturbed
 
 from lidcam.cli.evaluate import evaluate
 from lidcam.cli.process import run_process
-from lidcam.evaluation.requirement import read_requirements
-from lidcam.pipeline.core.errors import CheckError, IncompleteError, RecordingError
+from lidcam.pipeline.core.errors import IncompleteError, RecordingError
 from lidcam.pipeline.evaluation.labelled_part import LabelledPart, LabelledPartSearch
 from lidcam.run.job import make_job
 
@@ -130,22 +129,3 @@ def test_a_damaged_result_is_incomplete(tmp_path: Path, capsys: pytest.CaptureFi
     with pytest.raises(IncompleteError, match=r"damaged.mcap: damaged"):
         evaluated(damaged, as_json=True)
     assert valid(capsys.readouterr().out)["exit_code"] == 3
-
-
-def test_process_and_evaluate_in_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path, file = tmp_path / "out.mcap", tmp_path / "figures.json"
-    job = make_job(SANDBOX, path, config="sandbox", settings=SMALL, duration_s=0.3, workers=1)
-    required = read_requirements(["fused.car.recall > 0.1", "frames > 100"])
-    with pytest.raises(CheckError, match=r"^frames: expected > 100, found 2$"):
-        run_process(job, json_file=file, requirements=required)
-    out = capsys.readouterr().out
-    assert re.match(r"2 frames in [\d.]+ s, [\d.]+ per second; 3 lidars, 8 cameras; ", out)
-    assert "\n\nout.mcap: 2 of 2 frames have ground truth" in out
-    tree = valid(file.read_text(encoding="utf-8"))
-    assert (tree["command"], tree["exit_code"]) == ("process", 1)
-    assert tree["timing"].keys() == {"wall_s", "frames_per_second", "stage_ms", "evaluation_s"}
-    assert tree["objects"]
-    evaluated(path, as_json=True)
-    alone = valid(capsys.readouterr().out)
-    assert alone["sources"] == tree["sources"]
-    assert alone["settings"]["sha256"] == tree["settings"]["sha256"]

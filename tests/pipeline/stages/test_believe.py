@@ -3,13 +3,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from detections import boxes2d, boxes3d, camera_rig, forward_camera
+from detections import boxes2d, boxes3d, camera_rig, forward_camera, matches
 from fusion_stages import believe_of
 from lidar_scene import combined
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.association import class_agreement
-from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Matches
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
@@ -32,14 +32,7 @@ SEEN = {"cam": boxes2d([(280, 220, 360, 260, 0.8, 0)])}
 
 def hypotheses(boxes: Boxes3D, *pairs: tuple[int, int], lidar_count: int | None = None) -> Hypotheses:
     projected = VIEW.model.project_boxes(VIEW.T_camera_site.apply(box_corners(boxes.centers, boxes.sizes, boxes.yaws)))
-    found = Matches(
-        np.array(pairs, np.int64).reshape(-1, 2),
-        np.full(len(pairs), 0.8, np.float32),
-        projected,
-        np.zeros(len(boxes), np.float32),
-        np.zeros((len(boxes), 4), np.float32),
-    )
-    return Hypotheses(boxes, {"cam": found}, len(boxes) if lidar_count is None else lidar_count)
+    return Hypotheses(boxes, {"cam": matches(pairs, projected)}, len(boxes) if lidar_count is None else lidar_count)
 
 
 def believed(found: Hypotheses, seen: Mapping[str, Boxes2D], config: Config = CONFIG) -> F64:

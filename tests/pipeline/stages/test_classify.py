@@ -3,10 +3,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from detections import boxes2d, boxes3d
+from detections import boxes2d, boxes3d, matches
 
 from lidcam.pipeline.core.arrays import F64
-from lidcam.pipeline.core.detections import Boxes2D, Hypotheses, Matches
+from lidcam.pipeline.core.detections import Boxes2D, Hypotheses
 from lidcam.pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 from lidcam.pipeline.stages.classify import Classify, class_log_odds, confusion
 
@@ -15,16 +15,6 @@ SIZES = [prior.size_m for prior in ROAD_CLASSES]
 VAN = (4.6, 1.9, 2.05)
 SALOON = (4.3, 1.75, 1.5)
 Vote = tuple[float, int]
-
-
-def matches(*pairs: tuple[int, int], boxes: int) -> Matches:
-    return Matches(
-        np.array(pairs, np.int64).reshape(-1, 2),
-        np.full(len(pairs), 0.8, np.float32),
-        np.zeros((boxes, 4), np.float32),
-        np.zeros(boxes, np.float32),
-        np.zeros((boxes, 4), np.float32),
-    )
 
 
 def seen(score: float, class_id: int) -> Boxes2D:
@@ -43,7 +33,7 @@ def classified(
     boxes = boxes3d([(5.0, 1.0, 0.5, *size, 0.3)], class_ids=[own])
     boxes = replace(boxes, scores=np.full(1, 0.5 if score is None else score, np.float32))
     found = {f"cam{i}": seen(*vote) for i, vote in enumerate(votes)}
-    given = Hypotheses(boxes, {name: matches((0, 0), boxes=1) for name in found}, int(by_lidar))
+    given = Hypotheses(boxes, {name: matches([(0, 0)], np.zeros((1, 4))) for name in found}, int(by_lidar))
     classify = Classify(ROAD_CLASSES, riders, scores_are_probabilities=score is not None)
     return int(classify(given, found).boxes.class_ids[0])
 
@@ -85,7 +75,7 @@ def test_the_lidars_score_decides_whether_a_person_rides(score: float, own: int,
 
 
 def test_no_boxes() -> None:
-    given = Hypotheses(boxes3d([]), {"cam": matches(boxes=0)}, 0)
+    given = Hypotheses(boxes3d([]), {"cam": matches([], [])}, 0)
     assert len(Classify(ROAD_CLASSES)(given, {"cam": seen(0.5, CAR)}).boxes) == 0
 
 

@@ -2,9 +2,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from detections import boxes3d
+from detections import boxes3d, matches
 
-from lidcam.pipeline.core.detections import Hypotheses, Matches
+from lidcam.pipeline.core.detections import Hypotheses
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.stages.fuse import Fuse
@@ -14,14 +14,7 @@ PLACE = (5.0, 1.0, 0.5, 4.0, 1.8, 1.5, 0.3)
 
 
 def hypotheses(count: int, *pairs: tuple[int, int]) -> Hypotheses:
-    found = Matches(
-        np.array(pairs, np.int64).reshape(-1, 2),
-        np.full(len(pairs), 0.8, np.float32),
-        np.zeros((count, 4), np.float32),
-        np.zeros(count, np.float32),
-        np.zeros((count, 4), np.float32),
-    )
-    return Hypotheses(boxes3d([PLACE] * count), {"cam": found}, count)
+    return Hypotheses(boxes3d([PLACE] * count), {"cam": matches(pairs, np.zeros((count, 4)))}, count)
 
 
 def fuse(min_score: float) -> Fuse:

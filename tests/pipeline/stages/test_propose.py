@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from detections import boxes2d, boxes3d, camera_rig
+from detections import boxes2d, boxes3d, camera_rig, matches
 from fusion_stages import associate_of, place_of, propose_of
 from lidar_scene import combined, rig, scan
 from seen_boxes import Box, camera_at, seen_by, views_of
@@ -164,14 +164,7 @@ LOW, HIGH = (100.0, 100, 200, 200, 0.3, 0), (300.0, 100, 400, 200, 0.9, 0)
 
 def matched(*pairs: tuple[int, int, float]) -> Matches:
     table = np.array(pairs, np.float64).reshape(-1, 3)
-    nothing = np.full((9, 4), np.nan, np.float32)
-    return Matches(
-        table[:, :2].astype(np.int64),
-        table[:, 2].astype(np.float32),
-        nothing,
-        np.zeros(9, np.float32),
-        np.zeros((9, 4), np.float32),
-    )
+    return matches(table[:, :2], np.full((9, 4), np.nan), overlaps=table[:, 2].tolist())
 
 
 def test_rows_are_those_of_the_2d_boxes_however_they_are_ordered() -> None:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from detections import LOOK_FORWARD, boxes2d, boxes3d, camera_rig, forward_camera
+from detections import LOOK_FORWARD, boxes2d, boxes3d, camera_rig, forward_camera, matches
 from fusion_scenes import FusionScene, fusion_scenes
 from fusion_stages import associate_of
 from scipy.stats import chi2
@@ -149,19 +149,16 @@ def made_up(
     truth, lidar = boxes3d(rows), boxes3d(moved, deviations=noise)
     turns_deg = turned_deg * np.random.default_rng([seed, 1]).normal(size=4)
     cameras = [pole_camera(number, turned_deg=turn_deg) for number, turn_deg in enumerate(turns_deg)]
-    seen, matches = {}, {}
+    seen, matched = {}, {}
     for camera in cameras:
         edges = edges_in_view(truth.centers, truth.sizes, truth.yaws, camera)
         limits = np.array([1280, 720] * 2)
         shown = np.flatnonzero(edges.valid & (edges.xyxy > 0).all(1) & (edges.xyxy < limits).all(1))
         xyxy = edges.xyxy[shown] + random.normal(0, 1.5, (len(shown), 4))
         seen[camera.name] = boxes2d(np.column_stack([xyxy, np.full((len(shown), 2), [0.9, 0])]))
-        pairs = np.column_stack([shown, np.arange(len(shown))]).astype(np.int64)
-        nothing, free = np.zeros(count, np.float32), np.zeros((count, 4), np.float32)
-        matches[camera.name] = Matches(
-            pairs, np.ones(len(shown), np.float32), edges.xyxy.astype(np.float32), nothing, free
-        )
-    return camera_rig(*map(pole_camera, range(4))), Hypotheses(lidar, matches, count), seen, truth
+        pairs = np.column_stack([shown, np.arange(len(shown))])
+        matched[camera.name] = matches(pairs, edges.xyxy, overlaps=1.0)
+    return camera_rig(*map(pole_camera, range(4))), Hypotheses(lidar, matched, count), seen, truth
 
 
 def fitted(rig: Rig, hypotheses: Hypotheses, seen: Mapping[str, Boxes2D], **settings: float) -> Boxes3D:
@@ -315,9 +312,7 @@ def test_a_box_beside_a_camera_whose_edges_the_border_cuts(seed: int) -> None:
     boxes = boxes3d(np.column_stack([place, size, yaw]), deviations=(0.3, 0.3, 0.3))
     shown = edges_in_view(boxes.centers, boxes.sizes, boxes.yaws, camera).xyxy.clip(0, [640, 480] * 2)
     seen = {"cam": boxes2d(np.column_stack([shown, np.full((count, 2), [0.9, 0])]))}
-    pairs = np.column_stack([np.arange(count)] * 2).astype(np.int64)
-    nothing = np.zeros(count, np.float32)
-    matches = {"cam": Matches(pairs, nothing + 1, shown.astype(np.float32), nothing, np.zeros((count, 4), np.float32))}
-    found = fitted(camera_rig(camera), Hypotheses(boxes, matches, count), seen)
+    matched = {"cam": matches(np.column_stack([np.arange(count)] * 2), shown, overlaps=1.0)}
+    found = fitted(camera_rig(camera), Hypotheses(boxes, matched, count), seen)
     assert np.isfinite(found.centers).all()
     assert np.isfinite(found.covariances).all()
