@@ -59,7 +59,7 @@ def boxes2d(rows: npt.ArrayLike, *, frame_id: str = "cam") -> Boxes2D:
 def matches(pairs: npt.ArrayLike, projected_xyxy: npt.ArrayLike, *, overlaps: float | Sequence[float] = 0.8) -> Matches:
     """Pairs of rows of 3D and 2D boxes, and the 3D boxes in the image, of which none hides another."""
     rows, xyxy = np.array(pairs, np.int64).reshape(-1, 2), np.array(projected_xyxy, np.float32).reshape(-1, 4)
-    iou = np.broadcast_to(np.float32(overlaps), len(rows)).copy()
+    iou = np.broadcast_to(np.array(overlaps, np.float32), len(rows)).copy()
     return Matches(rows, iou, xyxy, np.zeros(len(xyxy), np.float32), np.zeros_like(xyxy))
 
 

@@ -81,7 +81,7 @@ def found(*is_right: bool) -> Judged:
     """Boxes, likelier ones first, of two objects."""
     count = len(is_right)
     errors = np.zeros((count, 3))
-    return Judged(np.arange(count)[::-1] * 1.0, np.zeros(count, np.int64), np.array(is_right), errors, np.array([2]))
+    return Judged(np.linspace(1, 0, count), np.zeros(count, np.int64), np.array(is_right), errors, np.array([2]))
 
 
 @pytest.mark.parametrize(
