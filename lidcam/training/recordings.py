@@ -58,7 +58,10 @@ MAX_FRAMES = 1000
 and so on."""
 
 MIN_DOUBTED_SCORE = 0.3
-"""Minimum probability of a lidar's box without a fused one for its place to be no background, either."""
+"""Minimum probability of a lidar's box without a fused one for its place to be no background to learn from, either."""
+
+DOUBTED = "doubted"
+"""Label of such a box."""
 
 MIN_FRAMES = 10
 """Minimum frames of a recording of which some are kept apart: half of its last fifth calibrates, half judges."""
@@ -209,6 +212,7 @@ class _Kept(RunObserver):
             circles[~counted],
             np.array(rules.region) - middle if isinstance(rules.region, tuple) else EVERYWHERE_M * SQUARE,
             np.append(-middle, rules.max_range_m or 2 * EVERYWHERE_M),
+            int((truth.labels == DOUBTED).sum()),
         )
 
 
@@ -219,7 +223,7 @@ def _true_objects(result: Result) -> Iterator[tuple[int, TruthBoxes3D | None]]:
 
 
 def tracked_objects(frames: Callable[[], Iterable[ResultFrame]]) -> Iterator[tuple[int, TruthBoxes3D]]:
-    """The numbers of the frames, and the objects of sure tracks. All others are marked as ignored.
+    """The numbers of the frames, and the objects of sure tracks. All others are marked as ignored, `DOUBTED` ones last.
 
     Args:
         frames: Gives the frames of a result; called twice.
@@ -245,7 +249,7 @@ def _sure(frame: ResultFrame, counts: Mapping[int, int]) -> TruthBoxes3D:
         sizes=every.sizes,
         yaws=every.yaws,
         class_ids=every.class_ids,
-        labels=np.full(len(every), ""),
+        labels=np.repeat(["", DOUBTED], [len(fused), len(doubted)]),
         track_ids=np.append(fused.track_ids, unknown[: len(doubted)]),
         lidar_points=unknown.astype(np.int32),
         image_pixels=unknown.astype(np.int32),

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from lidcam.training.pillars.scenes import Worlds
     from lidcam.training.pillars.train import Judged, Trained
 
+KEPT_SHARE = 0.5
+"""Share of the weights of the network that is adapted in those that are written. On KITTI, 0 has fewer false cars (62
+in place of 90 of 143), and loses 2 points of average precision in simulated worlds in place of half a point."""
+
 # \b keeps the lines of a paragraph as they are.
 ADAPT_EXAMPLES = """\b
 Examples:
@@ -86,7 +90,15 @@ def adapt(
 
     title = ", ".join(recordings)
     trained = train_network(
-        out, steps, checkpoint_in, workers=workers, resume=resume, overwrite=overwrite, begun=begun, check=check_gain
+        out,
+        steps,
+        checkpoint_in,
+        workers=workers,
+        resume=resume,
+        overwrite=overwrite,
+        kept_share=KEPT_SHARE,
+        begun=begun,
+        check=check_gain,
     )
     for name, what in ((RECORDINGS, "held-out frames, by their own labels"), (WORLDS, "simulated worlds")):
         before, after = (precision_of(one[name]) for one in (trained.before, trained.after))

@@ -202,6 +202,7 @@ def train_network(
     workers: int | None,
     resume: bool,
     overwrite: bool,
+    kept_share: float = 0.0,
     begun: Callable[[Mapping[str, "Judged"]], object] = lambda _: None,
     check: Callable[["Trained"], object] = lambda _: None,
 ) -> "Trained":
@@ -214,6 +215,7 @@ def train_network(
         workers: Processes that make scenes; None: one for each core.
         resume: Whether to continue from the checkpoint, if there is one.
         overwrite: Whether to replace files that lidcam did not write.
+        kept_share: As in `train_pillars`.
         begun: As in `train_pillars`.
         check: Raises if the network is not worth to be kept.
     """
@@ -238,7 +240,15 @@ def train_network(
                 state.unlink(missing_ok=True)
             with show_training() as progress:
                 part = outputs[out].part
-                trained = train_pillars(checkpoint, part, steps, workers=processes, progress=progress, begun=begun)
+                trained = train_pillars(
+                    checkpoint,
+                    part,
+                    steps,
+                    workers=processes,
+                    progress=progress,
+                    kept_share=kept_share,
+                    begun=begun,
+                )
         check(trained)
         outputs[card].write_text(trained.card)
     return trained

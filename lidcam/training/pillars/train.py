@@ -23,7 +23,8 @@ from lidcam.pipeline.detectors.pillars.network import FoundClass, PillarNetwork,
 from lidcam.training.card import average_precision, calibration_error
 from lidcam.training.labelled import WORLDS, LabelledFrame, TrueBoxes, loaded
 from lidcam.training.pillars.fit import BATCH, Checkpoint, fitted
-from lidcam.training.pillars.onnx_file import onnx_bytes
+from lidcam.training.pillars.network import PillarNetwork as TrainedNetwork
+from lidcam.training.pillars.onnx_file import onnx_bytes, take_weights
 from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, WRITTEN_GRIDS, Worlds, family_of, known_to, scene
 
 SWEEPS_OF_A_WORLD = 4
@@ -189,12 +190,15 @@ def train_pillars(
     *,
     workers: int,
     progress: Progress,
+    kept_share: float = 0.0,
     begun: Callable[[Mapping[str, Judged]], object] = lambda _: None,
 ) -> Trained:
     """Train a network, or continue from its checkpoint, write it as an ONNX file, and judge it.
 
-    Args and Raises: as for `fitted`. `begun` is called before the first step with what the network that it starts from
-    finds in the data kept apart.
+    Args and Raises: as for `fitted`; others:
+        kept_share: Share of the weights of the network that it starts from in those that are written. A mean of both
+            keeps what the start knew of other places (Wortsman et al., "Robust fine-tuning of zero-shot models", 2022).
+        begun: Called before the first step with what the network that it starts from finds in the data kept apart.
     """
     worlds, seed, recordings = checkpoint.worlds, checkpoint.seed, checkpoint.recordings
 
@@ -216,13 +220,20 @@ def train_pillars(
             found[WORLDS] = joined(parts)
         if recordings is not None:
             frames = map(loaded, (recordings.calibrate, recordings.judge)[part])
-            found[RECORDINGS] = joined([judged_frame(written, worlds, frame) for frame in frames])
+            found[RECORDINGS] = joined([judged_frame(written, worlds, frame.judged) for frame in frames])
         return found
 
     begin = existing_network_file(Path(checkpoint.begin)) if checkpoint.begin else None
     before = judge_held_out(1, begin) if begin else {}
     begun(before)
     network = fitted(checkpoint, steps, workers=workers, step_done=step_done)
+    if begin and kept_share:
+        start = TrainedNetwork(len(CLASSES[worlds]))
+        take_weights(start, begin, CLASSES[worlds], GRIDS[worlds])
+        with torch.no_grad():
+            for mean, first in zip(network.state_dict().values(), start.state_dict().values(), strict=True):
+                if mean.is_floating_point():
+                    mean.lerp_(first.to(mean.device), kept_share)
     specs = PillarSpecs(classes=tuple(FoundClass(name=name) for name in CLASSES[worlds]), grid=WRITTEN_GRIDS[worlds])
     out.write_bytes(onnx_bytes(network, specs, GRIDS[worlds]))
     parts = judge_held_out(0)

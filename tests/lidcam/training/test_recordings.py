@@ -13,7 +13,7 @@ from lidcam.training import recordings
 from lidcam.training.labelled import Recordings, loaded
 from lidcam.training.pillars import scenes
 from lidcam.training.pillars.scenes import Source, rounds
-from lidcam.training.recordings import read_recordings, tracked_objects
+from lidcam.training.recordings import DOUBTED, read_recordings, tracked_objects
 
 SANDBOX = Path(__file__).resolve().parents[3] / "bags" / "sandbox.bag"
 
@@ -91,6 +91,7 @@ def test_what_makes_a_track_sure(score: float, seen: int, track: int, is_sure: b
     for index, (number, truth) in enumerate(tracked_objects(lambda: frames)):
         assert number == index
         assert truth.is_ignored.tolist() == [not is_sure, True]
+        assert truth.labels.tolist() == ["", DOUBTED]
         assert truth.centers[:, 0].tolist() == [0, 20]
 
 
