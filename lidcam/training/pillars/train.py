@@ -230,10 +230,7 @@ def train_pillars(
     if begin and kept_share:
         start = TrainedNetwork(len(CLASSES[worlds]))
         take_weights(start, begin, CLASSES[worlds], GRIDS[worlds])
-        with torch.no_grad():
-            for mean, first in zip(network.state_dict().values(), start.state_dict().values(), strict=True):
-                if mean.is_floating_point():
-                    mean.lerp_(first.to(mean.device), kept_share)
+        mix_weights(network, start, kept_share)
     specs = PillarSpecs(classes=tuple(FoundClass(name=name) for name in CLASSES[worlds]), grid=WRITTEN_GRIDS[worlds])
     out.write_bytes(onnx_bytes(network, specs, GRIDS[worlds]))
     parts = judge_held_out(0)
@@ -250,6 +247,14 @@ def train_pillars(
     out.write_bytes(onnx_bytes(network, specs, GRIDS[worlds]))
     after = judge_held_out(1)
     return Trained(_card(checkpoint, steps, half, before, after), before, after)
+
+
+def mix_weights(network: TrainedNetwork, other: TrainedNetwork, other_share: float) -> None:
+    """Replace the weights of a network by a mean of its own and those of another one."""
+    with torch.no_grad():
+        for own, theirs in zip(network.state_dict().values(), other.state_dict().values(), strict=True):
+            if own.is_floating_point():  # the number of batches is not
+                own.lerp_(theirs.to(own.device), other_share)
 
 
 def _card(

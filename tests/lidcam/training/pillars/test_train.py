@@ -35,7 +35,7 @@ from lidcam.training.pillars.scenes import (
     family_of,
     targets_of,
 )
-from lidcam.training.pillars.train import Judged, calibration, figures
+from lidcam.training.pillars.train import Judged, calibration, figures, mix_weights
 
 SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 
@@ -194,6 +194,17 @@ def test_a_training_begins_with_an_embedded_network(tmp_path: Path, monkeypatch:
     trained = fitted(checkpoint._replace(begin=""), 2, workers=1, step_done=kill_at(0))
     assert all(torch.equal(one, two) for one, two in zip(first.parameters(), trained.parameters(), strict=True))
     assert checkpoint.load().history[0] == (0, "with the weights of `sandbox`")
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
+def test_weights_are_mixed_by_share(share: float) -> None:
+    network, other = torch_network.PillarNetwork(1), torch_network.PillarNetwork(1)
+    take_weights(other, EMBEDDED["sandbox"], CLASSES["sandbox"], GRIDS["sandbox"])
+    before = {name: values.clone() for name, values in network.state_dict().items()}
+    mix_weights(network, other, share)
+    for name, mixed in network.state_dict().items():
+        if mixed.is_floating_point():
+            torch.testing.assert_close(mixed, (1 - share) * before[name] + share * other.state_dict()[name])
 
 
 @pytest.mark.parametrize(
