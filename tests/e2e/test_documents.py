@@ -46,7 +46,7 @@ EXCEPTIONS = {
     r"lidcam view ": "opens a window: tests/lidcam/cli/test_view.py opens others in its place",
     r"lidcam fetch ": "needs the internet: tests/lidcam/networks fetches from a server on this machine",
     r"lidcam demo\b": "make demo, which the gate needs, runs it",
-    r"lidcam train ": "takes minutes: tests/lidcam/training learns from a few worlds",
+    r"lidcam (train|adapt) ": "takes minutes: tests/lidcam/training learns from a few worlds",
     r".*s3://": "needs a bucket: test_object_store has one on this machine",
     r"lidcam evaluate .*--truth dataset/": "needs a result of one lidar: tests/readers/truth reads such labels",
     r"lidcam batch .*--(engine ray|address) ": "needs a cluster: tests/lidcam/batches/test_ray.py starts one",
