@@ -217,7 +217,7 @@ def train_network(
         overwrite: Whether to replace files that lidcam did not write.
         kept_share: As in `train_pillars`.
         begun: As in `train_pillars`.
-        check: Raises if the network is not worth to be kept.
+        check: Raises if the network is not worth keeping.
     """
     from lidcam.cli.printing.progress import show_training
     from lidcam.pipeline.detectors.pillars.embedded import existing_network_file

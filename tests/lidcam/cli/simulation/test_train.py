@@ -115,7 +115,7 @@ def test_only_a_better_network_is_written(
     done = CliRunner().invoke(app, ["adapt", "a.bag", "--out", "mine.onnx", "--steps", "9"])
     if error is None:
         assert done.output.splitlines()[:2] == [
-            "average precision in held-out frames, by their own labels: 0.833 before, 1.000 after",
+            "average precision in held-out frames, measured against their tracks: 0.833 before, 1.000 after",
             "average precision in simulated worlds: 0.500 before, 0.500 after",
         ]
         assert (tmp_path / "mine.onnx").read_bytes() == b"network"
@@ -131,9 +131,9 @@ def test_only_a_better_network_is_written(
     [
         (
             ["detect3d.method=cluster"],
-            "expected recordings that one 3D network is for, found the classes car with no",
+            "expected recordings that use the same 3D network, found none for the classes car;",
         ),
-        ([], "sandbox.bag: nothing to gain: the network finds all in the held-out frames, and nothing else"),
+        ([], "sandbox.bag: nothing to gain: the network already finds every object in the held-out frames, and"),
     ],
 )
 def test_what_is_not_adapted_to(
