@@ -70,7 +70,7 @@ MAX_LINES = {
     "pipeline/detectors": (3720, 2790),
     "pipeline/evaluation": (3970, 2000),
     "pipeline/filters": (350, 580),
-    "pipeline/fusion": (2790, 1490),
+    "pipeline/fusion": (2800, 1510),
     "pipeline/native": (3520, 0),
     "pipeline/parallel": (960, 600),
     "pipeline/stages": (3020, 3090),

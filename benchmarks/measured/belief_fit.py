@@ -103,7 +103,7 @@ class Weighed:
     def starts(self, frames: Sequence[WeighedFrame]) -> "tuple[Start, Start]":
         """The evidence before a camera is asked of all hypotheses of frames, and of all lidar boxes by themselves."""
         asked = [(one.boxes, one.lidar_count, view_shares(one.visibility)) for one in frames]
-        alone = [(one.alone, len(one.alone), np.zeros(len(one.alone))) for one in frames]
+        alone = [(one.alone, len(one.alone), np.zeros((2, len(one.alone)))) for one in frames]
         return Start.of(self.config, asked), Start.of(self.config, alone)
 
 
@@ -183,7 +183,7 @@ class Start:
         upright = np.array([prior.is_upright for prior in config.classes])
         reach_m = match_radii_m(config.classes)
         boxes = [one for one, _, _ in frames]
-        in_view = np.concatenate([one for _, _, one in frames])
+        in_view = np.concatenate([one for _, _, one in frames], axis=1)
         return cls(
             np.concatenate([one.scores.astype(np.float64) for one in boxes]),
             np.concatenate([frequencies[one.class_ids] for one in boxes]),

@@ -102,8 +102,8 @@ def log_odds_before_cameras(
         sources: (N,) `Source` of each box.
         is_lidar: (N,) whether the lidars found it; 2D boxes propose the others.
         by: Coefficients.
-        in_view: (N,) how well a camera sees each box of a network, from 0 to 1, if the lidars' scores are
-            probabilities; None for geometric scores of clusters.
+        in_view: (2, N) `view_shares` of each box of a network, if the lidars' scores are probabilities; None for
+            geometric scores of clusters.
         are_upright: (N,) whether their classes are people, on foot or riding; with `in_view`. In view of a camera,
             they are at least as probable as what a 2D box proposes by itself, as scores say little of people, and
             `PEOPLE_LOG_ODDS` is added to all of them.
@@ -111,10 +111,10 @@ def log_odds_before_cameras(
     score, points = logit(scores), np.log(np.maximum(point_counts, 1))
     proposed = np.where(sources == Source.CAMERA.value, by.placed, by.frustum + by.frustum_score * score)
     if in_view is not None:
-        is_seen, upright = in_view > 0, np.zeros(len(score), np.bool_) if are_upright is None else are_upright
-        rated = score + by.in_view * np.where(upright, in_view, VEHICLE_SHARE * is_seen)
-        rated = np.where(upright & is_seen, np.maximum(rated, by.frustum), rated)
-        return np.where(is_lidar, rated, proposed) + PEOPLE_LOG_ODDS * upright * in_view
+        upright = np.zeros(len(score), np.bool_) if are_upright is None else are_upright
+        rated = score + by.in_view * np.where(upright, in_view[0], VEHICLE_SHARE * in_view[1])
+        rated = np.where(upright & (in_view[0] > 0), np.maximum(rated, by.frustum), rated)
+        return np.where(is_lidar, rated, proposed) + PEOPLE_LOG_ODDS * upright * in_view[0]
     found = by.lidar + by.lidar_score * score + by.lidar_points * points + by.lidar_frequency * np.log(frequencies)
     return np.where(is_lidar, found, proposed)
 
@@ -150,9 +150,14 @@ def camera_evidence(visibility: Visibility, plain_recall: F64, by: Coefficients)
 
 
 def view_shares(visibility: Visibility) -> F64:
-    """(N,) how well the best camera sees each box, from 0 (not in view, or hidden) to 1 (in full view)."""
-    nobody = np.zeros((1, visibility.visible.shape[1]))
-    return np.asarray(np.concatenate([nobody, _shown(visibility) * visibility.in_view]).max(0))
+    """(2, N) how well the best camera sees each box, from 0 (not in view, or hidden) to 1 (in full view).
+
+    The second row leaves out how much is hidden, as long as a part shows.
+    """
+    nobody = np.zeros((2, 1, visibility.visible.shape[1]))
+    shown = _shown(visibility)
+    seen = np.stack([shown, shown > 0]) * visibility.in_view * np.where(visibility.is_cut, CUT_RECALL, 1.0)
+    return np.asarray(np.concatenate([nobody, seen], axis=1).max(1))
 
 
 def _shown(visibility: Visibility) -> F64:

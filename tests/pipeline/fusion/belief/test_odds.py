@@ -7,6 +7,7 @@ from lidcam.pipeline.core.detections import Source
 from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
 from lidcam.pipeline.detectors.log_odds import SCORE_LIMIT, logit
 from lidcam.pipeline.fusion.belief.odds import (
+    CUT_RECALL,
     FITTED,
     PEOPLE_LOG_ODDS,
     VEHICLE_SHARE,
@@ -17,6 +18,7 @@ from lidcam.pipeline.fusion.belief.odds import (
     match_radii_m,
     position_probability,
     probability,
+    view_shares,
 )
 from lidcam.pipeline.fusion.belief.visibility import Visibility
 
@@ -78,7 +80,8 @@ def before(score: float, in_view: float, *, is_upright: bool) -> float:
     """Log odds of a network's box of 20 points."""
     upright, ones = np.array([is_upright]), np.ones(1)
     measured = np.array([score]), ones, LIDAR[0][:1], LIDAR[1][:1], LIDAR[2][:1], FITTED
-    return float(log_odds_before_cameras(*measured, in_view=np.array([in_view]), are_upright=upright)[0])
+    shares = np.array([[in_view], [in_view > 0]])
+    return float(log_odds_before_cameras(*measured, in_view=shares, are_upright=upright)[0])
 
 
 def test_a_networks_box_counts_less_as_far_as_a_camera_sees_it() -> None:
@@ -87,6 +90,20 @@ def test_a_networks_box_counts_less_as_far_as_a_camera_sees_it() -> None:
         [plain, plain + (FITTED.in_view + PEOPLE_LOG_ODDS) / 2, plain + FITTED.in_view + PEOPLE_LOG_ODDS]
     )
     assert before(0.9, 0.5, is_upright=False) == pytest.approx(plain + VEHICLE_SHARE * FITTED.in_view)
+
+
+@pytest.mark.parametrize(
+    ("seen", "shares"),
+    [
+        (views(), [1, 1]),
+        (views(visible=0.35), [0.5, 1]),
+        (views(visible=0.1), [0, 0]),
+        (views(in_view=False), [0, 0]),
+        (views(is_cut=True), [CUT_RECALL, CUT_RECALL]),
+    ],
+)
+def test_how_well_a_camera_sees_a_box(seen: Visibility, shares: list[float]) -> None:
+    assert view_shares(seen)[:, 0].tolist() == pytest.approx(shares)
 
 
 def test_improbable_people_in_view_are_as_probable_as_what_a_2d_box_proposes() -> None:
