@@ -13,6 +13,9 @@ crossings it would be -0.15. In real frames most people and cyclists of a networ
 it misses more of them. So half of the fit counts for cyclists (all of it: 0.25, 0.29, 1.17 and -1.95, 1.03); and
 clusters of people keep their score, and boxes of people have no higher one (the fit where the network has none: -0.20,
 1.05).
+
+All this is of the learned score of 200 roads. A fit with one of 600 roads and 600 crossings, which knows drawn worlds
+better (cars: 0.18, 0.44, 0.49 and -2.04, 0.76), lost 2 of 15 cars of a real sweep and was not taken.
 """
 
 import argparse

@@ -22,7 +22,7 @@ from lidcam.training.labelled import WORLDS, Recordings, loaded
 
 EPOCHS = 20
 NETWORKS = 3
-HIDDEN = 96, 48
+HIDDEN = 160, 80
 BATCH = 256
 RATE = 2e-3
 DECAY = 1e-3
@@ -30,7 +30,7 @@ DECAY = 1e-3
 DROPOUT = 0.3
 """Share of the hidden neurons that each step leaves out (Srivastava et al., 2014)."""
 
-NOISE = 0.2
+NOISE = 0.1
 """Standard deviation of the noise on each feature, as a share of the feature's own: worlds differ from reality."""
 
 EpochDone = Callable[[int, float], object]

@@ -32,7 +32,7 @@ constexpr double MAX_RIDER_SHARE = 0.5;
 
 // Growth of a pedestrian's box away from the lidar: 1 is as a car's, of which only the near sides are seen, 0 about its
 // middle.
-constexpr double PEDESTRIAN_ANCHOR = 0.5;
+constexpr double PEDESTRIAN_ANCHOR = 0.25;
 
 // Distance from a box up to which points are of the object: its surface is rough, and the box fits not quite.
 constexpr double MARGIN_M = 0.15;

@@ -19,7 +19,7 @@ from lidcam.pipeline.detectors.boxes import likely_boxes
 from lidcam.pipeline.detectors.cluster.learned import LearnedScores
 from lidcam.pipeline.detectors.protocols import Candidates3D, Detector3D
 
-MIN_SCORE_OF_PEOPLE = 0.02
+MIN_SCORE_OF_PEOPLE = 0.005
 """Minimum score of people, on foot or riding, where there are 2D boxes."""
 
 

@@ -50,7 +50,7 @@ ROAD_CLASSES = (
     ),
     ClassPrior(
         name="pedestrian",
-        size_m=(0.6, 0.6, 1.75),
+        size_m=(0.7, 0.7, 1.75),
         max_size_m=(1.2, 1.2, 2.1),
         frequency=0.5,
         labels=(

@@ -3,8 +3,8 @@
 A lidar sees only the near sides of an object. A side that faces a lidar shows its whole length; the extent behind it is
 taken from the size prior of the class. So a cluster is compared with each class, with the length along either axis of
 the rectangle; missing length counts only as far as it should have been visible. The box then keeps its near sides and
-grows away from the lidars; a cyclist's grows about its middle, and a pedestrian's half as far away as that of a car. Of
-thin wheels and limbs hardly anything is seen, so neither is taken for smaller than its class.
+grows away from the lidars; a cyclist's grows about its middle, and a pedestrian's a quarter as far away as that of a
+car. Of thin wheels and limbs hardly anything is seen, so neither is taken for smaller than its class.
 """
 
 from collections.abc import Sequence

@@ -126,11 +126,11 @@ def test_cameras_agree_on_what_an_object_is() -> None:
     """A pedestrian beside a bus: where the first camera could have either, the second knows."""
     cameras = {name: forward_camera(name) for name in ("a", "b", "c")}
     at = rows_of([(14, 1.0, 0.0, PEDESTRIAN), (14.3, 0.7, 0.0, PEDESTRIAN)])
-    at = replace(at, class_ids=np.array([PEDESTRIAN, 2], np.int32))
+    at = replace(at, class_ids=np.array([PEDESTRIAN, BUS], np.int32))
     first, second = shown(at, cameras["a"])
     between = (first + second) / 2
-    plainly = boxes2d([(*first, 0.9, PEDESTRIAN), (*second, 0.9, 2)])
-    found = {"a": boxes2d([(*between, 0.9, 2)]), "b": plainly, "c": plainly}
+    plainly = boxes2d([(*first, 0.9, PEDESTRIAN), (*second, 0.9, BUS)])
+    found = {"a": boxes2d([(*between, 0.9, BUS)]), "b": plainly, "c": plainly}
     pairs = associate(at, found, cameras)
     assert pairs["a", 0] == 1
     swapped = {"a": boxes2d([(*between, 0.9, PEDESTRIAN)]), "b": plainly, "c": plainly}

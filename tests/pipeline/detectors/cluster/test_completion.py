@@ -76,19 +76,19 @@ def test_rider_is_in_the_middle_of_a_cyclist() -> None:
 
 def test_people_are_not_smaller_than_their_class_however_much_of_a_side_is_seen() -> None:
     size = PRIORS[PEDESTRIAN].size_m[:2]
-    assert 0.8 * size[1] < 0.5  # of a car, such a side would be complete
-    assert complete((10.0, -0.25), (10.2, 0.25), top_m=1.75).sizes[0, :2] == pytest.approx(size)
-    assert complete((10.0, -0.35), (10.2, 0.35), top_m=1.75).sizes[0, :2].max() == pytest.approx(0.7)
+    assert 0.8 * size[1] < 0.6  # of a car, such a side would be complete
+    assert complete((10.0, -0.3), (10.2, 0.3), top_m=1.75).sizes[0, :2] == pytest.approx(size)
+    assert complete((10.0, -0.4), (10.2, 0.4), top_m=1.75).sizes[0, :2].max() == pytest.approx(0.8)
 
 
-def test_a_pedestrian_grows_half_as_far_away_from_the_lidar_as_a_car() -> None:
+def test_a_pedestrian_grows_a_quarter_as_far_away_from_the_lidar_as_a_car() -> None:
     depth = PRIORS[PEDESTRIAN].size_m[0]
     box = complete((10.0, -0.25), (10.2, 0.25), top_m=1.75)
     assert box.class_ids.tolist() == [PEDESTRIAN]
     assert box.sizes[0, :2].max() == pytest.approx(depth)
-    assert box.center_xy[0] == pytest.approx([10.1 + (depth - 0.2) / 4, 0.0])
+    assert box.center_xy[0] == pytest.approx([10.1 + (depth - 0.2) / 8, 0.0])
     behind = complete((10.0, -0.25), (10.2, 0.25), top_m=1.75, lidars=((20.0, 0.0),))
-    assert behind.center_xy[0] == pytest.approx([10.1 - (depth - 0.2) / 4, 0.0])
+    assert behind.center_xy[0] == pytest.approx([10.1 - (depth - 0.2) / 8, 0.0])
 
 
 def test_a_given_class_is_kept_whatever_the_size_and_minus_one_is_chosen() -> None:
