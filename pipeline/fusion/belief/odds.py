@@ -114,7 +114,7 @@ def log_odds_before_cameras(
         upright = np.zeros(len(score), np.bool_) if are_upright is None else are_upright
         rated = score + by.in_view * np.where(upright, in_view[0], VEHICLE_SHARE * in_view[1])
         rated = np.where(upright & (in_view[0] > 0), np.maximum(rated, by.frustum), rated)
-        return np.where(is_lidar, rated, proposed) + PEOPLE_LOG_ODDS * upright * in_view[0]
+        return np.asarray(np.where(is_lidar, rated, proposed) + PEOPLE_LOG_ODDS * upright * in_view[0])
     found = by.lidar + by.lidar_score * score + by.lidar_points * points + by.lidar_frequency * np.log(frequencies)
     return np.where(is_lidar, found, proposed)
 
