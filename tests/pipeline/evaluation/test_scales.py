@@ -15,7 +15,7 @@ def test_distances_are_as_long_as_the_class() -> None:
     names = Config().class_names
     scales = dict(zip(names, length_scales(Config()), strict=True))
     assert scales["car"] == 1
-    assert scales["pedestrian"] == pytest.approx(0.15)
+    assert scales["pedestrian"] == pytest.approx(0.175)
 
 
 def test_ranges_are_as_long_as_the_first_class() -> None:
