@@ -6,12 +6,14 @@ from itertools import product
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
-from lidcam.pipeline.core.arrays import Indices
+from lidcam.pipeline.core.arrays import F64, Indices
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes2D
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.optics.images import Image
+from lidcam.pipeline.core.optics.upright import quarter_turns, turned
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.far_view import FarView, far_view
@@ -56,6 +58,10 @@ class Detect2D:
         cuts = self._settings.input == "auto" and self._settings.method != "callable"  # which gets the images alone
         self._person_m = min(people_m) if people_m and cuts else None
         self._detector = detector
+        self._quarters = dict.fromkeys((camera.name for camera in rig.cameras), 0)
+        if self._settings.method != "callable":
+            rotations = np.array([camera.T_camera_site.matrix[:3, :3] for camera in rig.cameras]).reshape(-1, 3, 3)
+            self._quarters = dict(zip(self._quarters, quarter_turns(rotations).tolist(), strict=True))
 
     @property
     def riders(self) -> frozenset[tuple[int, int]]:
@@ -69,8 +75,9 @@ class Detect2D:
     def __call__(self, images: Mapping[str, Image], combined: CombinedCloud) -> Mapping[str, Boxes2D]:
         """Boxes by camera name, in the rig's order; a camera without an image in this frame has no entry.
 
-        Boxes are in pixels of the image, clipped to it, in order of falling score. Of a large image the network sees
-        the part where people are far away once more (`far_view`).
+        Boxes are in pixels of the image, clipped to it, in order of falling score. A network sees the images of cameras
+        on their side or upside down turned upright, and of a large image once more the part where people are far away
+        (`far_view`).
 
         Args:
             images: Images by camera name.
@@ -80,20 +87,35 @@ class Detect2D:
             ModelError: the network fails.
         """
         cameras = [camera for camera in self._rig.cameras if camera.name in images]
-        views = {camera.name: view for camera in cameras if (view := self._far_view(camera, combined))}
-        far = [view.part.cut(images[name].rgb) for name, view in views.items()]
-        found = self._detector([*(images[camera.name].rgb for camera in cameras), *far])
+        upright = {camera.name: self._upright(images[camera.name], camera.name) for camera in cameras}
+        views = {camera.name: view for camera in cameras if (view := self._far_view(camera, images, combined))}
+        far = [view.part.cut(upright[name].rgb) for name, view in views.items()]
+        found = self._detector([*(image.rgb for image in upright.values()), *far])
         proposed = {camera.name: one for camera, one in zip(cameras, found, strict=False)}
         for (name, view), one in zip(views.items(), found[len(cameras) :], strict=True):
-            height_px, width_px = images[name].rgb.shape[:2]
+            height_px, width_px = upright[name].rgb.shape[:2]
             proposed[name] = view.join(proposed[name], one, Tile(0, 0, width_px, height_px))
-        return {name: self._boxes(images[name], one) for name, one in proposed.items()}
+        boxes = {name: self._boxes(upright[name], one) for name, one in proposed.items()}
+        for name, quarters in self._quarters.items():
+            if quarters and name in boxes:
+                xyxy = _turned(boxes[name].xyxy, 4 - quarters, upright[name])
+                boxes[name] = replace(boxes[name], xyxy=xyxy.astype(np.float32))
+        return boxes
 
-    def _far_view(self, camera: CameraSensor, combined: CombinedCloud) -> FarView | None:
+    def _upright(self, image: Image, name: str) -> Image:
+        quarters = self._quarters[name]
+        return replace(image, rgb=np.ascontiguousarray(np.rot90(image.rgb, quarters))) if quarters else image
+
+    def _far_view(self, camera: CameraSensor, images: Mapping[str, Image], combined: CombinedCloud) -> FarView | None:
+        """The far part of a camera's upright image."""
         if self._person_m is None:
             return None
         level_m, max_px = self._rig.ground_height_m or 0.0, self._settings.max_input_px
-        return far_view(camera, combined, person_m=self._person_m, level_m=level_m, max_px=max_px)
+        view = far_view(camera, combined, person_m=self._person_m, level_m=level_m, max_px=max_px)
+        if view is None or not self._quarters[camera.name]:
+            return view
+        part = _turned([view.part], self._quarters[camera.name], images[camera.name])
+        return view._replace(part=Tile(*part[0].astype(int).tolist()))
 
     def _boxes(self, image: Image, proposed: Candidates2D) -> Boxes2D:
         height, width = image.rgb.shape[:2]
@@ -108,6 +130,12 @@ class Detect2D:
             boxes = join_riders(boxes, self._is_person[labels], self._is_ridden[labels])
         as_one_class = replace(boxes, class_ids=np.zeros_like(boxes.class_ids))
         return boxes.select(suppress_overlaps(as_one_class, max_iou=NMS_IOU_ANY))
+
+
+def _turned(xyxy: npt.ArrayLike, quarters: int, image: Image) -> F64:
+    """Boxes (N, 4) of an image that is turned."""
+    boxes, (height_px, width_px) = np.asarray(xyxy, np.float64), image.rgb.shape[:2]
+    return turned(boxes, np.full(len(boxes), quarters), np.tile([float(width_px), float(height_px)], (len(boxes), 1)))
 
 
 def suppress_overlaps(boxes: Boxes2D, *, max_iou: float) -> Indices:

@@ -6,11 +6,13 @@ from importlib.util import find_spec
 
 import numpy as np
 
+from lidcam.pipeline.core.arrays import F32, Indices
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.geometry.overlaps import without_overlaps
+from lidcam.pipeline.core.geometry.regions import points_in_footprints
 from lidcam.pipeline.core.geometry.rotated_iou import BoxArrays
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
@@ -22,9 +24,12 @@ from lidcam.pipeline.detectors.protocols import Candidates3D, Detector3D
 MIN_SCORE_OF_PEOPLE = 0.005
 """Minimum score of people, on foot or riding, where there are 2D boxes."""
 
+MAX_LIDAR_ABOVE = 0.5
+"""Maximum height of a lidar above the box of the vehicle that carries it, in heights of the box."""
+
 
 class Detect3D:
-    """Boxes of the configured classes in the combined cloud."""
+    """Boxes of the configured classes in the combined cloud, without the vehicle that carries the lidars."""
 
     def __init__(
         self, rig: Rig, config: Config, *, has_2d_boxes: bool = False, detector: Detector3D | None = None
@@ -38,6 +43,7 @@ class Detect3D:
             ModelError: a package that it needs is not installed, or a network or weights cannot be read.
         """
         self._site_frame = rig.site_frame
+        self._lidar_origins_site = np.array([s.T_site_lidar.translation for s in rig.lidars], np.float32).reshape(-1, 3)
         min_score = config.detect3d.min_score
         min_people = min(min_score, MIN_SCORE_OF_PEOPLE) if has_2d_boxes and config.detect3d.has_network else min_score
         self._min_scores = np.array([min_people if prior.is_upright else min_score for prior in config.classes])
@@ -47,10 +53,19 @@ class Detect3D:
     def __call__(self, combined: CombinedCloud) -> Boxes3D:
         """Boxes in the site frame, in order of falling score, then of x and y."""
         boxes = likely_boxes(combined, self._site_frame, self._detector(combined), self._min_scores)
+        boxes = boxes.select(_others(boxes, self._lidar_origins_site))
         if self._rescored is None:
             return boxes
         boxes = self._rescored(combined, boxes)
         return boxes.select(np.lexsort((boxes.centers[:, 1], boxes.centers[:, 0], -boxes.scores)))
+
+
+def _others(boxes: Boxes3D, lidar_origins_site: F32) -> Indices:
+    """Rows of the boxes that are not the vehicle with the lidars: none of these is in the box or close above it."""
+    lidars, rows = points_in_footprints(lidar_origins_site, boxes.centers[:, :2], boxes.sizes[:, :2], boxes.yaws)
+    above_m = lidar_origins_site[lidars, 2] - boxes.centers[rows, 2] - boxes.sizes[rows, 2] / 2
+    own = rows[above_m < MAX_LIDAR_ABOVE * boxes.sizes[rows, 2]]
+    return np.setdiff1d(np.arange(len(boxes)), own)
 
 
 class Recorded3D:

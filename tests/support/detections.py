@@ -1,6 +1,7 @@
 """Boxes and cameras for tests, from plain rows."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -71,6 +72,20 @@ def forward_camera(
     K = np.array([[500.0, 0, width / 2 - 0.5], [0, 500, height / 2 - 0.5], [0, 0, 1]])
     model = CameraModel(name, width, height, K, "plumb_bob", np.array(distortion, np.float64))
     return CameraSensor(name, f"/{name}/image", "", model, Transform(name, "site", LOOK_FORWARD.copy()))
+
+
+def mounted(camera: CameraSensor, quarters: int) -> CameraSensor:
+    """A camera whose images are upright after that many counterclockwise quarter turns, without lens distortion."""
+    model, angle = camera.model, np.pi / 2 * quarters
+    K, (width_px, height_px) = model.K.copy(), (model.width_px, model.height_px)
+    if quarters % 2:
+        K[[0, 1], [0, 1]], width_px, height_px = K[[1, 0], [1, 0]], height_px, width_px
+    K[:2, 2] = (width_px - 1) / 2, (height_px - 1) / 2
+    turn = np.eye(4)
+    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    extrinsics = replace(camera.T_camera_site, matrix=np.round(turn, 12) @ camera.T_camera_site.matrix)
+    lens = CameraModel(model.frame_id, width_px, height_px, K, "plumb_bob", np.zeros(0))
+    return replace(camera, model=lens, T_camera_site=extrinsics)
 
 
 def camera_rig(*cameras: CameraSensor) -> Rig:

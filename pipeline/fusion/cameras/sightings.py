@@ -1,6 +1,7 @@
 """The 2D boxes of all cameras of a frame as one table, with the directions of their edges and their uncertainty.
 
-Directions are from the camera, without lens distortion; objects are assumed upright.
+Directions are from the camera, without lens distortion; objects are assumed upright. Images of cameras that are mounted
+on their side or upside down are taken as if turned upright.
 """
 
 from collections.abc import Mapping
@@ -13,6 +14,7 @@ from lidcam.pipeline.core.arrays import F64, I64, Bools, Table
 from lidcam.pipeline.core.camera import BORDER_PX
 from lidcam.pipeline.core.detections import Boxes2D
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.optics.upright import TURNS, quarter_turns, turned
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.fusion.found import FoundBoxes, pairs_of_images
 from lidcam.pipeline.fusion.projection import CameraArrays, camera_arrays
@@ -42,15 +44,17 @@ class Sightings(Table):
     cameras: I64  # (P,) int64 number of the camera, in the order of the views
     rows: I64  # (P,) int64 row of `Boxes2D` of that camera
     xyxy: F64  # (P, 4) float64 left, top, right, bottom in pixels, clipped to the image
-    cut: Bools  # (P, 4) whether each of these edges lies at the border of the image
+    upright: F64  # (P, 4) float64 the same in the upright image
+    cut: Bools  # (P, 4) whether each of these edges of the upright image lies at its border
     scores: F64  # (P,) float64 in [0, 1]
     class_ids: I64  # (P,) int64
     stamps_ns: I64  # (P,) int64 time of the image
     views: CameraArrays  # The P boxes' cameras
     origin: F64  # (P, 3) float64 the camera, metres in the site frame
-    # (P, 8, 3) float64 directions of the corners and the middles of the edges, clockwise from the left top corner, in
-    # the site frame; of depth 1
+    # (P, 8, 3) float64 directions of the corners and the middles of the edges, clockwise from the left top corner of
+    # the upright image, in the site frame; of depth 1
     rays: F64
+    T_camera_site: F64  # (P, 3, 4) float64 the site in the optical frame of the upright image, metres
 
 
 class Noise(NamedTuple):
@@ -87,17 +91,23 @@ def see(views: Mapping[str, CameraSensor], boxes2d: Mapping[str, Boxes2D]) -> Si
     xyxy = found.xyxy.astype(np.float64).clip(0, limits)
     around = xyxy[:, None, :2] + _AROUND * (xyxy[:, 2:] - xyxy[:, :2])[:, None]
     rays, sound = cameras.lenses.rays_of_pixels(around)
+    quarters = quarter_turns(cameras.rotations)
+    cut = np.concatenate([xyxy[:, :2] <= BORDER_PX, xyxy[:, 2:] >= limits[:, 2:] - BORDER_PX], 1)
+    edges, corners = (np.arange(count) + quarters[:, None] * count // 4 for count in (4, 8))
+    matrices = np.concatenate([cameras.rotations, cameras.translations[..., None]], 2)
     table = Sightings(
         cameras=found.cameras,
         rows=found.rows,
         xyxy=xyxy,
-        cut=np.concatenate([xyxy[:, :2] <= BORDER_PX, xyxy[:, 2:] >= limits[:, 2:] - BORDER_PX], 1),
+        upright=turned(xyxy, quarters, cameras.image_sizes),
+        cut=np.take_along_axis(cut, edges % 4, 1),
         scores=found.scores.astype(np.float64),
         class_ids=found.class_ids.astype(np.int64),
         stamps_ns=found.stamps_ns,
         views=cameras,
         origin=rig.positions[found.cameras],
-        rays=rays @ cameras.rotations,
+        rays=np.take_along_axis(rays @ cameras.rotations, corners[..., None] % 8, 1),
+        T_camera_site=TURNS[quarters] @ matrices,
     )
     is_visible = np.isfinite(xyxy).all(1) & np.asarray(sound.all(1)) & (xyxy[:, 2:] - xyxy[:, :2] >= MIN_PX).all(1)
     return table if is_visible.all() else table.select(np.flatnonzero(is_visible))
@@ -105,7 +115,7 @@ def see(views: Mapping[str, CameraSensor], boxes2d: Mapping[str, Boxes2D]) -> Si
 
 def observe(sightings: Sightings, noise: Noise) -> Observed:
     """The directions and extents of 2D boxes, and their uncertainty."""
-    rays, xyxy = sightings.rays, sightings.xyxy
+    rays, xyxy = sightings.rays, sightings.upright
     slopes = rays[..., 2] / np.maximum(np.hypot(rays[..., 0], rays[..., 1]), 1e-9)
     bearings = np.arctan2(rays[..., 1], rays[..., 0])
     width, lower, upper = wrap_angle(bearings[:, 7] - bearings[:, 3]), slopes[:, 5], slopes[:, 1]

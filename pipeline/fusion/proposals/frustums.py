@@ -39,7 +39,7 @@ class FrustumPoints(Table):
 
     rows: I64  # (P,) int64 row of each in the cloud, rising within a frustum
     group: I64  # (P,) int64 the frustum
-    share_x: F64  # (P,) float64 position between the left side of the frustum, 0, and the right one, 1
+    share_x: F64  # (P,) float64 position in the upright image between the left side of the frustum, 0, and the right, 1
     share_y: F64  # (P,) float64 position from top, 0, to bottom, 1
     along_m: F64  # (P,) float64 horizontal distance from the camera, in the direction of the frustum's middle
 
@@ -55,13 +55,14 @@ def points_in_frustums(xyz: F32, sightings: Sightings, min_m: F64, max_m: F64) -
         min_m: (F,) minimum horizontal distance from the camera, along the middle of the box.
         max_m: (F,) maximum distance.
     """
-    rays = sightings.rays @ sightings.views.rotations.swapaxes(1, 2)  # in the optical frames, depth 1
+    rotations, translations = sightings.T_camera_site[..., :3], sightings.T_camera_site[..., 3]
+    rays = sightings.rays @ rotations.swapaxes(1, 2)  # in the optical frames, depth 1
     low, high = rays[..., :2].min(1), rays[..., :2].max(1)
     margin = SIDE_MARGIN * (high - low) * [1, 0]
     low, high = low + margin, high - margin
     rows, group = points_in_regions(xyz, _sides(sightings, low, high, min_m, max_m))
-    points, views = xyz.take(rows, 0).astype(np.float64), sightings.views
-    ahead = (views.rotations.take(group, 0) @ points[:, :, None])[..., 0] + views.translations.take(group, 0)
+    points = xyz.take(rows, 0).astype(np.float64)
+    ahead = (rotations.take(group, 0) @ points[:, :, None])[..., 0] + translations.take(group, 0)
     share_x, share_y = ((ahead[:, :2] / ahead[:, 2:] - low.take(group, 0)) / (high - low).take(group, 0)).T
     (x, y, _), (ahead_x, ahead_y) = (points - sightings.origin.take(group, 0)).T, heading_of(sightings).take(group, 0).T
     return FrustumPoints(rows, group, share_x, share_y, x * ahead_x + y * ahead_y)
@@ -78,9 +79,7 @@ def _sides(sightings: Sightings, low: F64, high: F64, min_m: F64, max_m: F64) ->
 
     `low` and `high` (F, 2) bound x / z and y / z in the optical frame.
     """
-    right, down, ahead = np.concatenate(
-        [sightings.views.rotations, sightings.views.translations[..., None]], 2
-    ).transpose(1, 0, 2)
+    right, down, ahead = sightings.T_camera_site.transpose(1, 0, 2)
     level = np.zeros((len(sightings), 4))
     level[:, :2] = heading_of(sightings)
     level[:, 3] = -(level[:, :2] * sightings.origin[:, :2]).sum(1)

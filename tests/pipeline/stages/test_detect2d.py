@@ -3,12 +3,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from detections import camera_rig, forward_camera
+from detections import camera_rig, forward_camera, mounted
 from lidar_scene import combined
 
 from lidcam.pipeline.core.arrays import U8
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.optics.images import Image
+from lidcam.pipeline.core.optics.upright import turned
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.detect import Detect2DConfig
@@ -124,6 +125,49 @@ def test_the_far_part_of_a_large_image_is_shown_once_more() -> None:
     ].xyxy
     assert [left, top, right, bottom] == [110, 110, 120, 140]
     assert 600 < lower < 800 + 110
+
+
+@dataclass
+class Brightest:
+    """A detector that finds what is white, as a car if it is wider than high."""
+
+    labels: tuple[str, ...] = LABELS
+
+    def __call__(self, images: Sequence[U8]) -> list[Candidates2D]:
+        found = []
+        for rgb in images:
+            rows, columns = np.nonzero(rgb[..., 0])
+            box = np.array([[columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]], np.float32)
+            is_car = box[0, 2] - box[0, 0] > box[0, 3] - box[0, 1]
+            found.append(Candidates2D(box, np.ones(1, np.float32), np.array([2 if is_car else 1])))
+        return found
+
+
+@pytest.mark.parametrize("quarters", range(4))
+def test_networks_see_the_images_of_turned_cameras_upright(quarters: int) -> None:
+    upright = np.zeros((100, 200, 3), np.uint8)
+    upright[40:60, 30:80] = 255
+    rgb = np.ascontiguousarray(np.rot90(upright, -quarters))
+    rows, columns = np.nonzero(rgb[..., 0])
+    stage = Detect2D(camera_rig(mounted(forward_camera(), quarters)), Config(), Brightest())
+    found = stage({"cam": Image(7, "cam_optical", rgb)}, NOTHING)["cam"]
+    assert found.class_ids.tolist() == [0]
+    assert found.xyxy.tolist() == [[columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]]
+
+
+@pytest.mark.parametrize("quarters", range(4))
+def test_the_far_part_of_a_turned_image_is_that_of_the_upright_one(quarters: int) -> None:
+    person: Row = (110, 110, 120, 140, 0.9, "person")
+    camera = forward_camera(size_px=(2000, 1600))
+    upright = Detect2D(camera_rig(camera), Config(), Proposals([person]))
+    (expected,) = upright({"cam": image(width=2000, height=1600)}, NOTHING).values()
+    width_px, height_px = (1600, 2000) if quarters % 2 else (2000, 1600)
+    stage = Detect2D(camera_rig(mounted(camera, quarters)), Config(), Proposals([person]))
+    (found,) = stage({"cam": image(width=width_px, height=height_px)}, NOTHING).values()
+    size_px = np.tile([float(width_px), float(height_px)], (len(found), 1))
+    back = turned(found.xyxy.astype(np.float64), np.full(len(found), quarters), size_px)
+    np.testing.assert_allclose(back, expected.xyxy, atol=40)  # the part ends at multiples of 32 px
+    assert len(found) == 2
 
 
 def test_classes_that_the_detector_cannot_find_are_an_error() -> None:

@@ -73,6 +73,22 @@ def test_covariances_are_positive_definite_and_counts_are_those_of_the_cloud() -
     assert (boxes.stamp_ns, boxes.frame_id) == (7, "site")
 
 
+@pytest.mark.parametrize(
+    ("lidars", "found"),
+    [
+        pytest.param([(-0.9, 0.0, 1.8)], [], id="on its roof"),
+        pytest.param([(2.09, 0.0, 0.5)], [], id="in its bumper"),
+        pytest.param([(-9.0, 0.0, 1.8), (0.0, 0.0, 1.9)], [], id="the second of two"),
+        pytest.param([(0.0, 0.0, 5.0)], [0], id="on a gantry above"),
+        pytest.param([(0.0, 1.2, 1.8)], [0], id="beside it"),
+    ],
+)
+def test_the_vehicle_with_the_lidars_is_no_object(lidars: list[tuple[float, float, float]], found: list[int]) -> None:
+    own = Candidates3D.of(boxes3d([car(0, 0)]), np.ones(1), combined(np.zeros((1, 3))))
+    boxes = Detect3D(rig(*lidars), GEOMETRIC, detector=lambda _: own)(combined(np.zeros((1, 3))))
+    assert boxes.class_ids.tolist() == found
+
+
 @pytest.mark.parametrize(("gap_m", "range_m"), [(0.6, 7.0), (1.0, 14.0)])
 def test_cars_parked_close_together_stay_apart(gap_m: float, range_m: float) -> None:
     step = 4.2 + gap_m

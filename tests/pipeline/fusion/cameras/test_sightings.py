@@ -2,7 +2,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from detections import boxes2d
+from detections import boxes2d, mounted
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -11,6 +11,7 @@ from seen_boxes import camera_at, views_of
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.optics.lenses import Lenses
+from lidcam.pipeline.core.optics.upright import turned
 from lidcam.pipeline.fusion.cameras.sightings import Noise, Observed, observe, see
 
 CAMERA = camera_at("cam", (0.0, 0.0, 1.6))
@@ -47,6 +48,19 @@ def test_boxes_that_show_nothing_are_left_out() -> None:
     rows = [(-50, 10, -5, 90, 0.9, 0), (50, 10, 50, 90, 0.8, 0), (np.nan, 10, 50, 90, 0.7, 0), (5, 5, 9, 9, 0.6, 0)]
     found = see(views_of(CAMERA), {"cam": boxes2d(rows)})
     assert found.rows.tolist() == [3]
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_a_camera_on_its_side_observes_what_an_upright_one_does(quarters: int) -> None:
+    rows = np.array([(0, 300, 100, 420, 0.9, 0), (500, 330, 640, 470, 0.8, 0), (600, 340, 760, 520, 0.7, 0)])
+    camera = mounted(CAMERA, quarters)
+    size_px = np.tile([1280.0, 720.0], (len(rows), 1))
+    shown = np.column_stack([turned(rows[:, :4], np.full(len(rows), 4 - quarters), size_px), rows[:, 4:]])
+    expected, found = see(views_of(CAMERA), {"cam": boxes2d(rows)}), see(views_of(camera), {"cam": boxes2d(shown)})
+    assert found.cut.tolist() == expected.cut.tolist()
+    assert found.xyxy.tolist() == shown[:, :4].tolist()
+    for one, other in zip(observe(found, NOISE), observe(expected, NOISE), strict=True):
+        np.testing.assert_allclose(one, other, rtol=3e-3, atol=2e-3)
 
 
 LEVEL = camera_at("level", (0.0, 0.0, 1.6))
