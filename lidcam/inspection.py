@@ -38,6 +38,7 @@ from lidcam.run.choice import SettingsChoice, UsedSettings, use_settings, used_r
 from lidcam.run.frames import RunInput, TimeWindow, missing_from_frames, no_frames, sensor_clocks, synchronize_stamps
 from lidcam.run.job import RigSource, read_rig
 from lidcam.run.missing import MissingSensor
+from lidcam.run.scene import level_site
 from lidcam.run.summary import DropCount, incomplete_lines, loss_records
 from lidcam.run.tally import DropTable
 from lidcam.run.warning import RunWarning
@@ -170,16 +171,21 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
     look = partial(survey, recording, stop_ns=window.stop_ns, limits=config.limits)
     sensors: FoundSensors | None = None
     try:
-        sensors = find_sensors(recording, config, rig_file, start_ns=window.start_ns, stop_ns=window.stop_ns)
+        find = partial(find_sensors, recording, config, start_ns=window.start_ns, stop_ns=window.stop_ns)
+        sensors = find(rig_file)
         found = calibrated_rig(sensors)
+        if level := level_site(recording, config, rig_file, found):
+            sensors = find(level.rig_file)
+            found = calibrated_rig(sensors)
+            found = replace(found, notes=(*found.notes, level.note))
     except (CalibrationError, RecordingError) as err:
         topics, draft = look(), draft_yaml(sensors, sensors.zones) if sensors else ""
         return replace(inspection, topics=topics, losses=recording.losses, problem=_said(err, recording), draft=draft)
-    motion = find_motion_source(recording, found.rig, found.transforms, config)
+    motion = find_motion_source(recording, found.rig, found.transforms, config, usual_delay_ns=found.usual_delay_ns)
     config, used, found = use_settings(choice, recording, found, rig_file, moves=motion is not None)
     source = RunInput(recording, found.rig, config, window=window)
     drops, stats = DropTable("skip"), SyncStats()
-    clocks = sensor_clocks(found.rig, drops)
+    clocks = sensor_clocks(found.rig, motion, drops)
     topics = look(watch=partial(synchronize_stamps, source, drops, stats, clocks))
     missing = missing_from_frames(source, stats)
     cannot = "" if stats.sets or window.stop_ns is not None else no_frames(source, drops)

@@ -52,6 +52,7 @@ from lidcam.run.frames import (
 )
 from lidcam.run.job import Job
 from lidcam.run.missing import MissingSensor
+from lidcam.run.scene import level_site
 from lidcam.run.summary import (
     InputSummary,
     RunSummary,
@@ -143,12 +144,18 @@ def opened(job: Job) -> Iterator["Run"]:
         check_not_empty(recording)
         check_no_input(written_files(job), recording.paths)
         window = time_window(recording, job.start_s, job.duration_s)
-        found = discover_rig(recording, job.config, job.rig, start_ns=window.start_ns, stop_ns=window.stop_ns)
+        discover = partial(discover_rig, recording, job.config, start_ns=window.start_ns, stop_ns=window.stop_ns)
+        found = discover(job.rig)
+        if level := level_site(recording, job.config, job.rig, found):
+            found = discover(level.rig_file)
+            found = replace(found, notes=(*found.notes, level.note))
         for fault in found.faults:
             logger.warning("%s is left out: %s", fault.sensor, fault.reason)
         for sensor in found.sources:
             logger.info("%s: %s, calibration: %s %s", sensor.sensor, sensor.topic, sensor.intrinsics, sensor.extrinsics)
-        motion = find_motion_source(recording, found.rig, found.transforms, job.config)
+        motion = find_motion_source(
+            recording, found.rig, found.transforms, job.config, usual_delay_ns=found.usual_delay_ns
+        )
         config, used, found = use_settings(job.settings, recording, found, job.rig, moves=motion is not None)
         logger.info("settings: %s", used)
         copied, notes = choose_copied(job.outputs, recording, found.rig, config)
@@ -180,7 +187,7 @@ class Run:
         self.source, self.found = source, with_lenses(found, source.rig)
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
         self._passed, self._detections, self._log_time_ns = 0, 0, source.recording.start_ns
-        self._clocks = sensor_clocks(source.rig, drops)
+        self._clocks = sensor_clocks(source.rig, source.motion, drops)
         self._checks = (
             LidarCheck(source.rig),
             CalibrationCheck(source.rig, source.config),

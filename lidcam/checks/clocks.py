@@ -6,6 +6,7 @@ from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.stages.sync.clocks import Clocks, TimeJump
 from lidcam.pipeline.stages.sync.drop_reason import DropReason
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
+from lidcam.readers.rig.clocks import is_off, usual_delay_ns
 from lidcam.run.frames import RunInput
 from lidcam.run.missing import (
     MissingSensor,
@@ -23,9 +24,6 @@ MAX_JUMPS_NAMED = 5
 
 MAX_SENSORS_NAMED = 10
 """Maximum number of sensors named in one note."""
-
-MAX_AHEAD_NS, MAX_BEHIND_NS = 1_000_000_000, 10_000_000_000
-"""Maximum offset of a clock ahead of, and behind, most others, nanoseconds; some messages are recorded seconds late."""
 
 MIN_LATE_SHARE = 0.1
 """Minimum share of late messages of a sensor that is named; single ones are late at start-up or on a busy recorder."""
@@ -73,11 +71,11 @@ def clocks_off(delays_ns: Mapping[str, int], missing: Sequence[MissingSensor], r
     if not absent:
         return []
     names = rig.sensor_of_topic
-    usual_ns = _usual_ns([delays_ns[topic] for topic in names if topic in delays_ns])
+    usual_ns = usual_delay_ns(delays_ns[topic] for topic in names if topic in delays_ns)
     off_ns = {
         names[topic]: usual_ns - delays_ns[topic]
         for topic in names
-        if topic in delays_ns and not -MAX_AHEAD_NS <= delays_ns[topic] - usual_ns <= MAX_BEHIND_NS
+        if topic in delays_ns and is_off(delays_ns[topic], usual_ns)
     }
     return [_clock_warning(name, off_ns[name], len(absent)) for name in off_ns if not with_camera(name, off_ns)]
 
@@ -104,11 +102,6 @@ def _jump_warning(jump: TimeJump, start_ns: int) -> RunWarning:
     finding = f"stamps jump back {where}: no frame has messages of both sides"
     remedy = "if it was played in a loop, process one pass of it with --start and --duration"
     return RunWarning("time", finding, remedy)
-
-
-def _usual_ns(delays_ns: Sequence[int]) -> int:
-    """The delay that most of the others are close to; of several, the first."""
-    return max(delays_ns, key=lambda one: sum(abs(one - other) <= MAX_AHEAD_NS for other in delays_ns), default=0)
 
 
 def _clock_warning(name: str, off_ns: int, absent: int) -> RunWarning:

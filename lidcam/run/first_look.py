@@ -133,7 +133,9 @@ def _bundles(source: RunInput, drops: DropTable) -> Iterator[SensorBundle]:
     while waiting:
         begin_ns = waiting.pop(0)
         stretch = replace(source, window=TimeWindow(begin_ns, stop_ns))
-        for bundle in islice(bundles(stretch, drops, SyncStats(), sensor_clocks(source.rig, drops)), STRETCH_FRAMES):
+        for bundle in islice(
+            bundles(stretch, drops, SyncStats(), sensor_clocks(source.rig, source.motion, drops)), STRETCH_FRAMES
+        ):
             stamps_ns.append(bundle.stamp_ns)
             yield bundle
         if begin_ns == start_ns and len(stamps_ns) > 1:  # the first stretch shows how far apart frames are

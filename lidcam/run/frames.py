@@ -80,12 +80,13 @@ class RunInput:
     given: GivenDetectors = LIDCAMS_OWN
 
 
-def sensor_clocks(rig: Rig, drops: DropTable) -> Clocks:
-    """The clocks of the rig's sensors; `drops` gets the messages with invalid stamps."""
+def sensor_clocks(rig: Rig, motion: MotionSource | None, drops: DropTable) -> Clocks:
+    """The clocks of the rig's sensors and of its odometry; `drops` gets the messages with invalid stamps."""
     sensors: list[tuple[str, LidarSensor | CameraSensor]] = [(lidar.topic, lidar) for lidar in rig.lidars]
     sensors += [(topic, camera) for camera in rig.cameras for topic in (camera.topic, camera.boxes_topic)]
     offsets_ns = {detector.topic: 0 for detector in rig.detectors}
     offsets_ns |= {topic: sensor.time_offset_ns for topic, sensor in sensors}
+    offsets_ns |= dict.fromkeys(motion.topics, motion.offset_ns) if motion else {}
     return Clocks(offsets_ns, on_drop=drops.count_defect, on_bad=drops.count_bad, on_start=drops.count_drop)
 
 

@@ -1,19 +1,22 @@
-"""The size of the scene of a recording, measured in the first clouds of its lidars, and the preset that suits it."""
+"""The scene of a recording by its first clouds: its size, the preset that suits it, a level frame for tilted lidars."""
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64
-from lidcam.pipeline.core.clouds import CombinedCloud
+from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud
 from lidcam.pipeline.core.frame import SensorBundle
-from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.rig import LidarSensor, Rig
 from lidcam.pipeline.core.settings.combine import GroundConfig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.filters.ground import find_ground
 from lidcam.pipeline.stages.odometry import FindOdometry
 from lidcam.readers.recording import Recording
+from lidcam.readers.rig.discovery import Discovery
+from lidcam.readers.rig.schema import Pose, RigFile
 from lidcam.readers.streams.decoders import CloudDecoder
 
 CLOUDS = 3
@@ -46,10 +49,20 @@ MAST_LIDAR_M = 3.0
 """Smallest height of lidars on masts, metres; of the vehicles only trucks are higher, which move."""
 
 LOOKS = (0.0, 1 / 3, 2 / 3)
-"""Times at which the clouds are looked at for motion, as shares of the recording: a truck may wait at its beginning."""
+"""Times at which the clouds are looked at for motion and tilt, as shares of the recording: a truck may wait at its
+beginning."""
 
 LOOK_CLOUDS, LOOK_STEP_NS = 5, 150_000_000
 """Number of these clouds, and the least time between two of them, nanoseconds."""
+
+
+MIN_TILT_DEG = 6.0
+"""Minimum tilt of the ground for which a level frame is made: roads have up to 4 degrees, and 6 cost no object."""
+
+MAX_SPREAD_DEG = 2.0
+"""Maximum angle between the ground at different times; a lidar that is carried by hand has no level frame."""
+
+SUFFIX = "_level"
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,10 +82,15 @@ def measure_scene(recording: Recording, rig: Rig, config: Config) -> SceneSize |
     xyz_site = _first_points(recording, rig, config)
     if not len(xyz_site):
         return None
-    low, high = np.percentile(xyz_site[:, :2], MIDDLE, axis=0)
-    width_m, length_m = sorted((high - low).tolist())
-    heights_m = _heights_m(xyz_site, rig, layer_m=LAYER_SHARE * float(np.hypot(width_m, length_m)))
-    return SceneSize((length_m, width_m), None if heights_m is None else float(np.median(heights_m)))
+    heights_m = _heights_m(xyz_site, rig)
+    return SceneSize(_extent_m(xyz_site), None if heights_m is None else float(np.median(heights_m)))
+
+
+def floor_of(xyz_site: F32, origins_site: F64) -> Plane | None:
+    """The ground below lidars at origins (L, 3), tilted by up to `MAX_TILT_DEG`; None if there is none."""
+    layer_m = LAYER_SHARE * float(np.hypot(*_extent_m(xyz_site)))
+    ground = GroundConfig(distance_m=float(np.clip(layer_m, *LAYER_M)), max_tilt_deg=MAX_TILT_DEG)
+    return find_ground(xyz_site, origins_site, config=ground)
 
 
 def clouds_show_motion(recording: Recording, rig: Rig, config: Config) -> bool:
@@ -147,11 +165,81 @@ def _first_points(recording: Recording, rig: Rig, config: Config) -> F32:
     return np.concatenate([np.zeros((0, 3), np.float32), *points])
 
 
-def _heights_m(xyz_site: F32, rig: Rig, *, layer_m: float) -> F64 | None:
+def _extent_m(xyz_site: F32) -> tuple[float, float]:
+    """Length and width of the middle 90 % of points (N, 3)."""
+    low, high = np.percentile(xyz_site[:, :2], MIDDLE, axis=0)
+    width_m, length_m = sorted((high - low).tolist())
+    return length_m, width_m
+
+
+def _heights_m(xyz_site: F32, rig: Rig) -> F64 | None:
     """Height of each lidar above the ground, metres; None without a ground."""
     origins: F64 = np.array([lidar.T_site_lidar.translation for lidar in rig.lidars])
     if rig.ground_height_m is not None:
         return origins[:, 2] - rig.ground_height_m
-    ground = GroundConfig(distance_m=float(np.clip(layer_m, *LAYER_M)), max_tilt_deg=MAX_TILT_DEG)
-    plane = find_ground(xyz_site, origins, config=ground)
+    plane = floor_of(xyz_site, origins)
     return None if plane is None else origins @ plane.normal + plane.offset_m
+
+
+class Level(NamedTuple):
+    """A level site frame."""
+
+    rig_file: RigFile  # The rig file with it
+    note: str
+
+
+def level_site(recording: Recording, config: Config, rig_file: RigFile | None, found: Discovery) -> Level | None:
+    """The level site frame for a recording, whose present one is a lidar's own and tilted; None if it is not.
+
+    A site frame that the settings or the rig file name stays, and so does one that zones or the height of the ground
+    are given in.
+    """
+    file, rig, site = rig_file or RigFile(), found.rig, found.rig.site_frame
+    lidar = next((one for one in rig.lidars if one.T_site_lidar.src == site), None)
+    is_named = config.rig.site_frame or file.site_frame or rig.zones or rig.ground_height_m is not None
+    level = f"{site}{SUFFIX}"
+    if lidar is None or is_named or level in found.transforms.fixed.frames:
+        return None
+    up = _up(recording, rig, lidar, config)
+    if up is None:
+        return None
+    half_way = np.array([0.0, 0.0, 1.0]) + up
+    x, y, z, w = (np.append(np.cross([0.0, 0.0, 1.0], half_way), half_way[2]) / np.linalg.norm(half_way)).tolist()
+    edges = {**file.transforms.get(site, {}), level: Pose(rotation_xyzw=(x, y, z, w))}
+    return Level(
+        file.model_copy(update={"site_frame": level, "transforms": {**file.transforms, site: edges}}),
+        f"{lidar.name}: the ground is tilted by {np.degrees(np.arccos(up[2])):.0f} degrees in its frame, so objects "
+        f"are in the level frame {level}; --set rig.site_frame={site} keeps them in its own",
+    )
+
+
+def _up(recording: Recording, rig: Rig, lidar: LidarSensor, config: Config) -> F64 | None:
+    """(3,) normal of the ground in the lidar's frame if that is tilted, alike at all times; else None."""
+    span_ns = max(recording.end_ns - recording.start_ns, 0)
+    normals: list[F64] = []
+    for begin_ns in sorted({recording.start_ns + round(share * span_ns) for share in LOOKS}):
+        cloud = _first_cloud(recording, rig, lidar, config, begin_ns)
+        if cloud is None:
+            continue
+        plane = floor_of(cloud.xyz, np.zeros((1, 3)))
+        if plane is None or plane.normal[2] > np.cos(np.radians(MIN_TILT_DEG)):
+            return None
+        normals.append(plane.normal)
+    if not normals:
+        return None
+    mean = np.mean(normals, 0)
+    mean /= np.linalg.norm(mean)
+    return mean if (np.array(normals) @ mean >= np.cos(np.radians(MAX_SPREAD_DEG))).all() else None
+
+
+def _first_cloud(
+    recording: Recording, rig: Rig, lidar: LidarSensor, config: Config, begin_ns: int
+) -> PointCloud | None:
+    """The first cloud with points after a log time."""
+    decode = CloudDecoder(rig, config, on_bad="skip")
+    for message in recording.messages([lidar.topic], start_ns=begin_ns, stop_ns=begin_ns + MAX_WAIT_NS):
+        bundle = SensorBundle(0, message.stamp_ns, message.log_time_ns, {message.topic: message})
+        for cloud in decode(bundle).values():
+            if (cloud.xyz != 0).any():
+                return cloud.select((cloud.xyz != 0).any(1))
+    return None

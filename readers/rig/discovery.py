@@ -10,10 +10,11 @@ from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.recording import Recording
 from lidcam.readers.rig.assignment import AssignedCamera, AssignedLidar
 from lidcam.readers.rig.calibration import OWN_SITE, Frames, SensorSource, calibrate_camera, calibrate_lidar
+from lidcam.readers.rig.clocks import clock_note, clock_offsets, usual_delay_ns
 from lidcam.readers.rig.detectors import calibrated_detectors
 from lidcam.readers.rig.schema import RigFile
 from lidcam.readers.rig.search import FoundSensors, find_sensors
-from lidcam.readers.rig.sensor_topics import Findings, SensorFault
+from lidcam.readers.rig.sensor_topics import BOXES, CLOUD, IMAGE, Findings, SensorFault
 
 Assigned = AssignedLidar | AssignedCamera
 
@@ -30,6 +31,7 @@ class Discovery:
     sources: tuple[SensorSource, ...]  # One per sensor of the rig: lidars, recorded 3D detectors, cameras
     notes: tuple[str, ...]  # Topics that are not used, and topics that were assigned by order
     transforms: RecordedTransforms = field(repr=False)  # Transforms of the recording
+    usual_delay_ns: int = 0  # Usual log time minus stamp
 
 
 def discover_rig(
@@ -99,6 +101,10 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
     rig = replace(rig, detectors=detectors)
     if not rig.lidars and not rig.detectors:
         raise CalibrationError(_no_lidar([*of_lidars.faults, *of_boxes.faults], found.site))
+    rig, usual_ns, of_clocks = _with_clocks_set(rig, found)
+    offsets_ns = {lidar.name: lidar.time_offset_ns for lidar in rig.lidars}
+    offsets_ns |= {camera.name: camera.time_offset_ns for camera in rig.cameras}
+    sources = {name: replace(one, time_offset_ms=offsets_ns[name] / 1e6) for name, one in sources.items()}
     return Discovery(
         rig,
         tuple(fault for one in findings for fault in one.faults),
@@ -107,8 +113,33 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
             *of_detectors,
             *(sources[camera.name] for camera in rig.cameras),
         ),
-        tuple(note for one in findings for note in one.notes),
+        (*(note for one in findings for note in one.notes), *of_clocks),
         found.transforms,
+        usual_ns,
+    )
+
+
+def _with_clocks_set(rig: Rig, found: FoundSensors) -> tuple[Rig, int, list[str]]:
+    """The rig with offsets of clocks that were not set, where no rig file gives one; the usual delay, and notes."""
+    sensors: Sequence[Assigned] = (*found.lidars, *found.cameras)
+    given = {one.name for one in sensors if "time_offset_ms" in one.entry.model_fields_set}
+    topics = {lidar.name: (lidar.topic, CLOUD) for lidar in rig.lidars}
+    topics |= {one.name: (one.topic, IMAGE) if one.topic else (one.boxes_topic, BOXES) for one in rig.cameras}
+    known = {topic: found.first.delay_ns(topic, types) for name, (topic, types) in topics.items() if name not in given}
+    delays_ns = {topic: delay_ns for topic, delay_ns in known.items() if delay_ns is not None}
+    usual_ns = usual_delay_ns(delays_ns.values())
+    offsets_ns = clock_offsets(found.recording, delays_ns, usual_ns)
+    moved = {name: offsets_ns[topic] for name, (topic, _) in topics.items() if topic in offsets_ns}
+    if not moved:
+        return rig, usual_ns, []
+    return (
+        replace(
+            rig,
+            lidars=tuple(replace(one, time_offset_ns=moved.get(one.name, one.time_offset_ns)) for one in rig.lidars),
+            cameras=tuple(replace(one, time_offset_ns=moved.get(one.name, one.time_offset_ns)) for one in rig.cameras),
+        ),
+        usual_ns,
+        [clock_note(name, offset_ns) for name, offset_ns in moved.items()],
     )
 
 

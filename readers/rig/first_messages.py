@@ -35,6 +35,7 @@ class _First(NamedTuple):
     content: Any
     frame_id: str
     size_px: tuple[int, int] | None
+    stamp_ns: int
     log_time_ns: int
 
 
@@ -77,6 +78,11 @@ class FirstMessages:
         """When the first message that can be decoded was recorded; None if none can."""
         found = self._first(topic, msgtypes)
         return None if isinstance(found, MessageError) else found.log_time_ns
+
+    def delay_ns(self, topic: str, msgtypes: Collection[str]) -> int | None:
+        """Log time minus stamp of the first message that can be decoded; None if none can, or its stamp is 0."""
+        found = self._first(topic, msgtypes)
+        return None if isinstance(found, MessageError) or not found.stamp_ns else found.log_time_ns - found.stamp_ns
 
     def image_size(self, topic: str, msgtypes: Collection[str]) -> tuple[int, int] | None:
         """(width, height) of the topic's first image or cloud, in pixels or points; None if unknown."""
@@ -132,7 +138,7 @@ def _first_of(message: RawMessage, limits: RecordingLimits) -> _First:
     if message.channel.msgtype in CUSTOM:  # points of which each would be an object
         livox = parse_livox(message)
         none = replace(livox, points=livox.points[:0])
-        return _First(none, livox.frame_id, (len(livox.points), 1), message.log_time_ns)
+        return _First(none, livox.frame_id, (len(livox.points), 1), message.stamp_ns, message.log_time_ns)
     read: Callable[..., Any] = deserialize
     if message.channel.msgtype in COMPRESSED_CLOUDS:
         read = unpack_cloud
@@ -148,4 +154,4 @@ def _first_of(message: RawMessage, limits: RecordingLimits) -> _First:
         if hasattr(content, large):
             object.__setattr__(content, large, ())
     frame = clean_frame(getattr(content, "header", content).frame_id)
-    return _First(content, frame, size, message.log_time_ns)
+    return _First(content, frame, size, message.stamp_ns, message.log_time_ns)

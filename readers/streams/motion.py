@@ -31,6 +31,7 @@ from lidcam.readers.messages.tf import (
     tf_topics,
 )
 from lidcam.readers.recording import Recording
+from lidcam.readers.rig.clocks import clock_offsets
 from lidcam.readers.rig.first_messages import FirstMessages
 
 KEPT_NS = 5_000_000_000
@@ -57,14 +58,16 @@ class MotionSource(NamedTuple):
     # The chain from the site frame to the fixed frame, the site frame's own link first: a transform where it is static,
     # else the name of the frame that moves in its parent
     links: tuple[Transform | str, ...]
+    offset_ns: int = 0  # Offset of the stamps of odometry whose clock was not set
 
 
 def find_motion_source(
-    recording: Recording, rig: Rig, transforms: RecordedTransforms, config: Config
+    recording: Recording, rig: Rig, transforms: RecordedTransforms, config: Config, *, usual_delay_ns: int | None = None
 ) -> MotionSource | None:
     """The configured odometry, else odometry of the site frame, else its tf; None if the site does not move.
 
-    Of several odometry topics the one with the most messages is used, then the first by name.
+    Of several odometry topics the one with the most messages is used, then the first by name. `usual_delay_ns` is that
+    of the sensors, log time minus stamp; None: the clock of the odometry is believed.
 
     Raises:
         ConfigError: the configured topic has no odometry, or odometry of a frame that is not fixed to the site frame.
@@ -85,12 +88,14 @@ def find_motion_source(
         if wanted not in {info.topic for info in infos}:
             names = ", ".join(info.topic for info in infos) or "none"
             raise ConfigError(f"combine.motion.topic: expected a recorded {ODOMETRY} topic ({names}), found {wanted!r}")
-        return _of_odometry(wanted, first, rig, transforms, is_wanted=True)
+        source = _of_odometry(wanted, first, rig, transforms, is_wanted=True)
+        return _with_clock_set(source, recording, first, usual_delay_ns)
     for info in sorted(infos, key=lambda info: (-info.message_count, info.topic)):
         try:
-            return _of_odometry(info.topic, first, rig, transforms, is_wanted=False)
+            source = _of_odometry(info.topic, first, rig, transforms, is_wanted=False)
         except (ConfigError, MessageError):
             continue
+        return _with_clock_set(source, recording, first, usual_delay_ns)
     return _of_tf(recording, rig, transforms)
 
 
@@ -111,6 +116,16 @@ def _of_odometry(
         return MotionSource((topic,), rig.site_frame, fixed, (transforms.lookup(child, rig.site_frame), child))
     except FrameError as err:
         raise ConfigError(f"{topic}: odometry of {child!r}, not of the site frame: {err}") from err
+
+
+def _with_clock_set(
+    source: MotionSource, recording: Recording, first: FirstMessages, usual_delay_ns: int | None
+) -> MotionSource:
+    (topic,) = source.topics
+    delay_ns = first.delay_ns(topic, {ODOMETRY})
+    if delay_ns is None or usual_delay_ns is None:
+        return source
+    return source._replace(offset_ns=clock_offsets(recording, {topic: delay_ns}, usual_delay_ns).get(topic, 0))
 
 
 def links_up(
