@@ -56,7 +56,7 @@ MAX_LINES = {
     "fuzz": (0, 820),
     "lidcam": (1440, 680),
     "lidcam/batches": (1310, 590),
-    "lidcam/checks": (1010, 760),
+    "lidcam/checks": (1080, 810),
     "lidcam/cli": (4320, 1650),
     "lidcam/evaluation": (970, 620),
     "lidcam/networks": (180, 170),

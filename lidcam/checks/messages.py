@@ -1,6 +1,8 @@
-"""Files without messages, and warnings of lidars without points."""
+"""Files without messages, and warnings of lidars without points and of cameras that repeat an image or see nothing."""
 
 from collections import Counter
+
+import numpy as np
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.frame import FrameResult
@@ -71,3 +73,74 @@ class LidarCheck:
             return None
         remedy = "the lidar may be covered, or its motor may stand still; else see combine.min_range_m and max_range_m"
         return RunWarning(name, finding, remedy)
+
+
+MIN_IMAGES = 10
+"""Minimum number of images of a camera that is named."""
+
+MIN_SAME_SHARE = 0.9
+"""Minimum share of images that are the same as the one before; the noise of a sensor makes every image another one."""
+
+COMPARED_BYTES = 4096
+"""Number of bytes at the end of an image that are compared."""
+
+MIN_SHOWN = 20
+"""Minimum number of objects in the view of a camera without 2D boxes that is named, over all frames."""
+
+MIN_ANGLE = 0.15
+"""Minimum diagonal of such an object, as a share of its distance: a car at 30 m."""
+
+
+class CameraCheck:
+    """Counts each camera's images that repeat the one before, its 2D boxes, and the objects in its view."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._cameras = [camera for camera in rig.cameras if camera.topic]
+        self._last: dict[str, bytes] = {}
+        self._images, self._same, self._boxes, self._shown = (
+            Counter[str](),
+            Counter[str](),
+            Counter[str](),
+            Counter[str](),
+        )
+
+    def add_frame(self, frame: FrameResult) -> None:
+        """Add one frame."""
+        for camera in self._cameras:
+            name, message = camera.name, frame.bundle.messages.get(camera.topic)
+            if message is None or not len(message.data):
+                continue
+            last, data = self._last.get(name), message.data
+            self._last[name] = bytes(data[max(len(data) // 2, len(data) - COMPARED_BYTES) :])
+            self._images[name] += 1
+            self._same[name] += self._last[name] == last
+            if name in frame.detections.cameras:
+                self._boxes[name] += len(frame.detections.cameras[name])
+                self._shown[name] += _shown(frame, name)
+
+    @property
+    def warnings(self) -> tuple[RunWarning, ...]:
+        """One for each camera whose images are nearly all the same, or that has no 2D box of many objects."""
+        found = []
+        for camera in self._cameras:
+            name, images = camera.name, self._images[camera.name]
+            if images >= MIN_IMAGES and self._same[name] >= MIN_SAME_SHARE * (images - 1):
+                finding = f"{self._same[name]} of {images} images are the same as the one before"
+                remedy = "its driver may repeat an image, or it is covered; leave it out with"
+            elif images >= MIN_IMAGES and not self._boxes[name] and self._shown[name] >= MIN_SHOWN:
+                finding = f"no 2D box in {images} images, with {self._shown[name]} objects in its view"
+                remedy = "it may be covered or too dark, or the network may not fit its images; leave it out with"
+            else:
+                continue
+            found.append(RunWarning(name, finding, f"{remedy} --set topics.exclude=[{camera.topic}]"))
+        return tuple(found)
+
+
+def _shown(frame: FrameResult, name: str) -> int:
+    """Number of objects that are large enough in the image of a camera."""
+    objects, view = frame.fused.objects, frame.views[name]
+    centers = view.T_camera_site.apply(objects.centers)
+    pixels, valid = view.model.project(centers)
+    inside = ((pixels >= 0) & (pixels <= (view.model.width_px, view.model.height_px))).all(1)
+    is_large = np.linalg.norm(objects.sizes, axis=1) >= MIN_ANGLE * np.linalg.norm(centers, axis=1)
+    return int((valid & inside & is_large).sum())

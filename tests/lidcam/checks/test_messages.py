@@ -1,4 +1,4 @@
-"""Lidars that send messages without points are named."""
+"""Lidars that send messages without points are named, and cameras that repeat an image or see nothing."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from frames import RIG, frame
 
-from lidcam.checks.messages import LidarCheck
+from lidcam.checks.messages import CameraCheck, LidarCheck
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.messages import Drop
 
@@ -64,3 +64,46 @@ def test_a_lidar_that_is_empty_for_a_time_is_named(points: list[int], text: str 
         check.add_frame(replace(result, bundle=replace(result.bundle, index=index)))
     remedy = "the lidar may be covered, or its motor may stand still; else see combine.min_range_m and max_range_m"
     assert [str(warning) for warning in check.warnings] == ([f"lidar2: {text}; {remedy}"] if text else [])
+
+
+def repeated(index: int, *topics: str) -> FrameResult:
+    """A frame with the images of frame 0 on some topics."""
+    result, first = frame(index), frame(0).bundle.messages
+    messages = {**result.bundle.messages, **{topic: first[topic] for topic in topics}}
+    return replace(result, bundle=replace(result.bundle, messages=messages))
+
+
+def seeing(result: FrameResult, name: str, *, objects: bool = True) -> FrameResult:
+    """The frame with the 2D boxes of `left` for a camera; with or without objects."""
+    cameras = {**result.detections.cameras, name: result.detections.cameras["left"]}
+    fused = result.fused if objects else frame(objects=0).fused
+    return replace(result, detections=replace(result.detections, cameras=cameras), fused=fused)
+
+
+@pytest.mark.parametrize(
+    ("frames", "named"),
+    [
+        ([], []),
+        ([frame(row) for row in range(19)], []),
+        ([frame(row) for row in range(20)], ["right: no 2D box in 20 images, with 20 objects in its view"]),
+        ([seeing(frame(row), "right") if row == 7 else frame(row) for row in range(25)], []),
+        ([seeing(frame(row), "left", objects=False) for row in range(25)], []),
+        ([without_messages(frame(row), "/right/image") for row in range(25)], []),
+        ([repeated(row, "/left/image") for row in range(9)], []),
+        (
+            [repeated(row, "/left/image") for row in range(10)],
+            ["left: 9 of 10 images are the same as the one before"],
+        ),
+        ([repeated(row, *["/left/image"] * (row > 3)) for row in range(13)], []),  # repeats 9 of 12
+        (
+            [repeated(row, "/left/image", "/right/image") for row in range(30)],
+            [f"{name}: 29 of 30 images are the same as the one before" for name in ("left", "right")],
+        ),
+    ],
+)
+def test_cameras_that_see_nothing_or_repeat_an_image_are_named(frames: list[FrameResult], named: list[str]) -> None:
+    check = CameraCheck(RIG)
+    for result in frames:
+        check.add_frame(result)
+    assert [f"{warning.subject}: {warning.finding}" for warning in check.warnings] == named
+    assert all("topics.exclude=[/" in warning.remedy for warning in check.warnings)
