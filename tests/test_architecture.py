@@ -69,7 +69,7 @@ MAX_LINES = {
     "pipeline/core": (4520, 2330),
     "pipeline/detectors": (3720, 2790),
     "pipeline/evaluation": (3970, 2000),
-    "pipeline/filters": (350, 580),
+    "pipeline/filters": (380, 590),
     "pipeline/fusion": (2810, 1520),
     "pipeline/native": (3520, 0),
     "pipeline/parallel": (960, 600),

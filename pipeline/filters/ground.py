@@ -35,6 +35,9 @@ REFINEMENTS = 6
 """Rounds of least squares on the sample, each on the points near the last plane, before one on all points."""
 
 
+MAX_SHARE_BELOW = 0.005
+"""Maximum share of points below a ground at the origins: level beams in a room have others below them."""
+
 PLANES = 200
 """Planes tried."""
 
@@ -54,7 +57,9 @@ def find_ground(
     Args:
         xyz_site: (N, 3) points in the site frame, metres, finite; best as a row per coordinate in memory.
         lidar_origins_site: (L, 3) origins of the lidars in the site frame, metres; the ground is more than `distance_m`
-            below each, or the level beams of a lidar in a room would be a floor.
+            below each, or the level beams of a lidar in a room would be a floor. If there is none, clouds may be given
+            in a frame on the ground, as `base_link` often is: then it is the plane at the origins that has no points
+            below.
         config: Limits. Equal input gives equal planes.
         ground_height_m: Expected z of the ground at the site's origin; None if unknown.
 
@@ -62,6 +67,30 @@ def find_ground(
         None if no plane within the limits stands out from the layers above and below it, or if its points form only
         a line seen from above (the foot of a wall).
     """
+    plane = _ground(xyz_site, lidar_origins_site, config, ground_height_m, clearance_m=config.distance_m)
+    if plane is None:
+        plane = _ground(xyz_site, lidar_origins_site, config, ground_height_m, clearance_m=-config.distance_m)
+        if plane is not None and _share_below(xyz_site, plane, config.distance_m) > MAX_SHARE_BELOW:
+            return None
+    return plane
+
+
+def _share_below(xyz_site: F32, plane: Plane, distance_m: float) -> float:
+    """Share of the nearer half of points that are below a plane: roads may fall off further away."""
+    range_m = np.hypot(xyz_site[:, 0], xyz_site[:, 1])
+    near = xyz_site[range_m <= np.median(range_m)]
+    return float((near @ plane.normal + plane.offset_m < -distance_m).mean())
+
+
+def _ground(
+    xyz_site: F32,
+    lidar_origins_site: F64,
+    config: GroundConfig,
+    ground_height_m: float | None,
+    *,
+    clearance_m: float,
+) -> Plane | None:
+    """The ground that is more than `clearance_m` below each lidar."""
     layer_m = LAYER_PER_DISTANCE * config.distance_m
     points = np.ascontiguousarray(xyz_site.T)  # a row per coordinate makes heights three times faster
     sample = np.ascontiguousarray(points[:, :: max(1, -(-len(xyz_site) // SAMPLE_POINTS))])
@@ -71,7 +100,7 @@ def find_ground(
         return None
     rng = np.random.Generator(np.random.PCG64(SEED))
     planes = _planes_through(reachable, lowest[rng.integers(len(lowest), size=(PLANES, 3))])
-    limits = _limits(config, ground_height_m)
+    limits = _limits(config, ground_height_m, clearance_m)
     planes = planes[_can_be_ground(planes, lidar_origins_site, limits)]
     if not len(planes):
         return None
@@ -98,12 +127,12 @@ def _within_reach(points: F32, config: GroundConfig, ground_height_m: float | No
     return points.compress(within, axis=1)
 
 
-def _limits(config: GroundConfig, ground_height_m: float | None) -> F64:
+def _limits(config: GroundConfig, ground_height_m: float | None, clearance_m: float) -> F64:
     """(4,) limits for `_can_be_ground`: least z of the normal, clearance of lidars, expected height, its tolerance."""
     level = np.cos(np.radians(config.max_tilt_deg))
     if ground_height_m is None:
-        return np.array([level, config.distance_m, 0.0, np.inf])
-    return np.array([level, config.distance_m, ground_height_m, config.height_tolerance_m])
+        return np.array([level, clearance_m, 0.0, np.inf])
+    return np.array([level, clearance_m, ground_height_m, config.height_tolerance_m])
 
 
 def _least_squares(points: F32, plane: F64, layer_m: float) -> F64 | None:

@@ -137,6 +137,16 @@ def test_a_real_room_without_a_floor_in_view() -> None:
     assert ground_of(points.astype(np.float64)) is None
 
 
+@pytest.mark.parametrize("z", [-0.05, 0.0, 0.1])
+def test_the_ground_of_clouds_given_in_a_frame_on_it(z: float) -> None:
+    """As `base_link` is, in which some drivers publish: the lidar itself stands higher."""
+    rng = np.random.default_rng(11)
+    street = np.concatenate([floor(rng, 9_000, z=z), wall(rng, 3_000, x=7.0, z=(z, 4.0))])
+    assert height_m(ground_of(street)) == pytest.approx(z, abs=0.01)
+    below = rng.uniform((-6, -6, z - 1.5), (6, 6, z - 0.3), (200, 3))
+    assert ground_of(np.concatenate([street, below])) is None
+
+
 @pytest.mark.parametrize(("slope_deg", "found"), [(0, True), (8, True), (15, False)])
 def test_slope(slope_deg: float, found: bool) -> None:
     points = floor(np.random.default_rng(4), 10_000)
