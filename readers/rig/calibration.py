@@ -43,6 +43,16 @@ PARTS = {
 """Parts of the calibration that a key of a rig file belongs to."""
 
 
+MIN_UP = 0.7
+"""Minimum share of up in the viewing direction of a camera that is taken to be given by the frame of its body."""
+
+OPTICAL_OF_BODY = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
+"""T_optical_body of REP 103."""
+
+OF_BODY = " (x forward)"
+"""Follows the source of extrinsics that are those of the camera's body."""
+
+
 @dataclass(frozen=True, slots=True)
 class SensorSource:
     """Sources of a sensor's calibration; `intrinsics` is empty for a lidar."""
@@ -129,7 +139,7 @@ def calibrate_camera(
 ) -> tuple[CameraSensor, SensorSource, str]:
     """A camera with intrinsics of the rig file, else of CameraInfo, and extrinsics of the rig file, else of tf.
 
-    The third item is a remark on its intrinsics; it may be empty.
+    The third item is a remark on them; it may be empty.
 
     Raises:
         CalibrationError: one of them is missing or not valid.
@@ -143,6 +153,10 @@ def calibrate_camera(
     lens = camera_intrinsics(camera, first)
     T_camera_site, extrinsics = camera_extrinsics(camera, lens.T_model_camera.src, frames)
     pose, entry = lens.T_model_camera @ T_camera_site, camera.entry
+    remarks = [lens.remark]
+    if extrinsics.endswith(OF_BODY):
+        frame = lens.model.frame_id
+        remarks.append(f"as an optical frame, {frame} looks at the sky: taken as the frame of its body, x forward")
     sensor = CameraSensor(camera.name, topics.image, topics.boxes, lens.model, pose, entry.time_offset_ns)
     if lens.rectified is not None:
         model, T_model_camera = lens.rectified
@@ -151,7 +165,7 @@ def calibrate_camera(
     return (
         sensor,
         SensorSource(camera.name, topics.topic, lens.model.frame_id, lens.source, extrinsics, entry.time_offset_ms),
-        lens.remark,
+        "; ".join(filter(None, remarks)),
     )
 
 
@@ -251,6 +265,9 @@ def _scaled(model: CameraModel, width_px: int, height_px: int) -> CameraModel | 
 def camera_extrinsics(camera: AssignedCamera, frame: str, frames: Frames) -> tuple[Transform, str]:
     """T_camera_site and its source; `frame` is the camera's.
 
+    A frame of tf that looks up into the sky if taken as an optical one is that of the camera's body (REP 103: x
+    forward, z up), with which many drivers stamp images.
+
     Raises:
         CalibrationError: the pose is missing or not valid.
         FrameError: tf does not join the frames.
@@ -259,7 +276,10 @@ def camera_extrinsics(camera: AssignedCamera, frame: str, frames: Frames) -> tup
     if not entry.has_pose:
         if not frame:
             raise CalibrationError("no message of it names its frame: give its pose in a rig file (--rig)")
-        return frames.recorded(frame, frames.site), frames.source(frame)
+        pose = frames.recorded(frame, frames.site)
+        if "optical" in frame.lower() or pose.matrix[2, 2] < MIN_UP:
+            return pose, frames.source(frame)
+        return replace(pose, matrix=OPTICAL_OF_BODY @ pose.matrix), f"{frames.source(frame)}{OF_BODY}"
     origin = frames.origin(entry.parent)
     if entry.P is not None:
         pose = rigid_transform("P's pose", frame, origin.src, decompose_projection("P", entry.P)[1])

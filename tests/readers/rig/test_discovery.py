@@ -365,3 +365,32 @@ def test_images_that_may_be_rectified_have_two_lenses(options: dict[str, Any], i
         assert camera.rectified.T_camera_site.dst == "cam"
     rect = rig_with(image_message("/c/image_rect", "cam"), calibration).rig.cameras if is_open else ()
     assert all(one.rectified is None for one in rect)
+
+
+LEVEL, PITCHED = (0.0, 0.0, 0.0, 1.0), (0.0, 0.2588190451, 0.0, 0.9659258263)  # 30 degrees down
+DOWN = (0.0, 0.7071067812, 0.0, 0.7071067812)
+
+
+@pytest.mark.parametrize(
+    ("frame", "rotation", "forward"),
+    [
+        ("cam_link", LEVEL, (1, 0, 0)),
+        ("cam_link", PITCHED, (np.cos(np.pi / 6), 0, -0.5)),
+        ("cam_link", OPTICAL, (1, 0, 0)),
+        ("cam_optical", LEVEL, (0, 0, 1)),  # as its name says
+        ("cam_link", DOWN, (1, 0, 0)),  # its z axis is level: an optical frame
+    ],
+)
+def test_cameras_in_the_frame_of_their_body(
+    frame: str, rotation: tuple[float, ...], forward: tuple[float, ...]
+) -> None:
+    edge = transform_stamped("lidar", frame, stamp_ns=5, rotation_xyzw=rotation)
+    images = [image_message("/cam/image_raw", frame), info("/cam/camera_info", frame)]
+    found = discover([static(edge), cloud("/points", "lidar"), *images])
+    (camera,) = found.rig.cameras
+    np.testing.assert_allclose(camera.T_camera_site.matrix[2, :3], forward, atol=1e-6)
+    is_body = frame == "cam_link" and rotation in (LEVEL, PITCHED)
+    assert [note for note in found.notes if "looks at the sky" in note] == [
+        f"cam: as an optical frame, {frame} looks at the sky: taken as the frame of its body, x forward"
+    ] * is_body
+    assert found.sources[1].extrinsics == f"tf: lidar <- {frame}{' (x forward)' * is_body}"
