@@ -6,15 +6,12 @@ from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.stages.sync.clocks import Clocks, TimeJump
 from lidcam.pipeline.stages.sync.drop_reason import DropReason
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
-from lidcam.readers.rig.clocks import is_off, usual_delay_ns
 from lidcam.run.frames import RunInput
 from lidcam.run.missing import (
     MissingSensor,
     absence_warnings,
     apart_warnings,
-    never_used,
     silence_warnings,
-    with_camera,
 )
 from lidcam.run.summary import DropCount, dropped_by_topic
 from lidcam.run.warning import RunWarning
@@ -36,11 +33,7 @@ def sync_warnings(
     yield from jump_warnings(clocks.jumps, start_ns=source.recording.start_ns)
     yield from apart_warnings(missing) or silence_warnings(missing)
     counts = {(drop.topic, drop.reason): drop.count for drop in drops}
-    yield from (
-        clocks_off(clocks.delays_ns, missing, source.rig)
-        or late_warnings(counts, stats.received, source.rig)
-        or absence_warnings(missing, dropped_by_topic(drops))
-    )
+    yield from (late_warnings(counts, stats.received, source.rig) or absence_warnings(missing, dropped_by_topic(drops)))
 
 
 def jump_warnings(jumps: Sequence[TimeJump], *, start_ns: int) -> list[RunWarning]:
@@ -60,24 +53,6 @@ def clock_notes(clocks: Clocks, sensors: Mapping[str, str]) -> list[str]:
     more = f" and {len(names) - MAX_SENSORS_NAMED} more" if len(names) > MAX_SENSORS_NAMED else ""
     listed = ", ".join(names[:MAX_SENSORS_NAMED])
     return [f"{listed}{more}: all stamps are 0, so the times at which the messages were recorded are used"]
-
-
-def clocks_off(delays_ns: Mapping[str, int], missing: Sequence[MissingSensor], rig: Rig) -> list[RunWarning]:
-    """One for each clock that is off, if a sensor is in no frame at all.
-
-    `delays_ns` is the log time minus the stamp of each topic's messages; the rig names the sensors, lidars first.
-    """
-    absent = never_used(missing)
-    if not absent:
-        return []
-    names = rig.sensor_of_topic
-    usual_ns = usual_delay_ns(delays_ns[topic] for topic in names if topic in delays_ns)
-    off_ns = {
-        names[topic]: usual_ns - delays_ns[topic]
-        for topic in names
-        if topic in delays_ns and is_off(delays_ns[topic], usual_ns)
-    }
-    return [_clock_warning(name, off_ns[name], len(absent)) for name in off_ns if not with_camera(name, off_ns)]
 
 
 def late_warnings(drops: Mapping[tuple[str, str], int], received: Mapping[str, int], rig: Rig) -> list[RunWarning]:
@@ -102,13 +77,3 @@ def _jump_warning(jump: TimeJump, start_ns: int) -> RunWarning:
     finding = f"stamps jump back {where}: no frame has messages of both sides"
     remedy = "if it was played in a loop, process one pass of it with --start and --duration"
     return RunWarning("time", finding, remedy)
-
-
-def _clock_warning(name: str, off_ns: int, absent: int) -> RunWarning:
-    side = "after" if off_ns > 0 else "before"
-    topics = "1 topic is" if absent == 1 else f"{absent} topics are"
-    return RunWarning(
-        name,
-        f"its stamps lie {abs(off_ns) / 1e9:.1f} s {side} those of most sensors, so that {topics} in no frame",
-        f"set its clock, or give it about time_offset_ms: {round(off_ns / 1e6)} in a rig file (--rig)",
-    )

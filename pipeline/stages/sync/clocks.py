@@ -96,11 +96,6 @@ class Clocks:
         self.jumps: list[TimeJump] = []
         self.unstamped: dict[str, None] = {}
 
-    @property
-    def delays_ns(self) -> Mapping[str, int]:
-        """By topic, log time minus corrected stamp: the least of its last good messages."""
-        return {topic: min(clock.delays_ns) for topic, clock in self._clocks.items() if clock.delays_ns}
-
     def parts(self, messages: Iterable[RawMessage]) -> Iterator[Iterator[RawMessage]]:
         """The messages with corrected stamps, split where time jumps back; each part is to be read before the next.
 

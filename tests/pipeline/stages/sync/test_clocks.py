@@ -54,13 +54,6 @@ def of(part: Iterable[tuple[str, float]], topic: str) -> list[float]:
     return [stamp for name, stamp in part if name == topic]
 
 
-def test_the_usual_delay_of_a_topic_is_that_of_its_corrected_stamps() -> None:
-    recorded = steady("a") + steady("b", shift_s=3600) + [("a", 1.0, 1.9)]
-    delays_ns = run(recorded, {"b": 1000 * S})[2].delays_ns
-    assert delays_ns == {"a": 50 * MS, "b": 50 * MS - 2600 * S}
-    assert not run([])[2].delays_ns
-
-
 @given(
     st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 3000), st.integers(0, 900)), max_size=60),
     st.integers(-(10**7), 10**7),
