@@ -23,7 +23,6 @@ from lidcam.readers.rig.discovery import calibrated_rig
 from lidcam.readers.rig.draft import draft_yaml
 from lidcam.readers.rig.search import FoundSensors, find_sensors
 from lidcam.readers.rig.sensor_topics import SensorFault
-from lidcam.readers.streams.motion import find_motion_source
 from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.readers.streams.survey import TopicSurvey, survey
 from lidcam.run.box_sources import (
@@ -38,7 +37,7 @@ from lidcam.run.choice import SettingsChoice, UsedSettings, use_settings, used_r
 from lidcam.run.frames import RunInput, TimeWindow, missing_from_frames, no_frames, sensor_clocks, synchronize_stamps
 from lidcam.run.job import RigSource, read_rig
 from lidcam.run.missing import MissingSensor
-from lidcam.run.scene import level_site
+from lidcam.run.scene import find_motion, level_site
 from lidcam.run.summary import DropCount, incomplete_lines, loss_records
 from lidcam.run.tally import DropTable
 from lidcam.run.warning import RunWarning
@@ -181,7 +180,7 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
     except (CalibrationError, RecordingError) as err:
         topics, draft = look(), draft_yaml(sensors, sensors.zones) if sensors else ""
         return replace(inspection, topics=topics, losses=recording.losses, problem=_said(err, recording), draft=draft)
-    motion = find_motion_source(recording, found.rig, found.transforms, config, usual_delay_ns=found.usual_delay_ns)
+    motion, found = find_motion(recording, config, found)
     config, used, found = use_settings(choice, recording, found, rig_file, moves=motion is not None)
     source = RunInput(recording, found.rig, config, window=window)
     drops, stats = DropTable("skip"), SyncStats()

@@ -32,7 +32,6 @@ from lidcam.readers.input_file import InputFile, InputFiles, read_input_file
 from lidcam.readers.open import open_recording
 from lidcam.readers.recording import ReadOptions
 from lidcam.readers.rig.discovery import Discovery, discover_rig
-from lidcam.readers.streams.motion import find_motion_source
 from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.run.box_sources import KnownBoxes, box_source, boxes_2d_words, check_box_source, engine_3d
 from lidcam.run.build import build_graph, decided, shared_results
@@ -52,7 +51,7 @@ from lidcam.run.frames import (
 )
 from lidcam.run.job import Job
 from lidcam.run.missing import MissingSensor
-from lidcam.run.scene import level_site
+from lidcam.run.scene import find_motion, level_site
 from lidcam.run.summary import (
     InputSummary,
     RunSummary,
@@ -153,9 +152,7 @@ def opened(job: Job) -> Iterator["Run"]:
             logger.warning("%s is left out: %s", fault.sensor, fault.reason)
         for sensor in found.sources:
             logger.info("%s: %s, calibration: %s %s", sensor.sensor, sensor.topic, sensor.intrinsics, sensor.extrinsics)
-        motion = find_motion_source(
-            recording, found.rig, found.transforms, job.config, usual_delay_ns=found.usual_delay_ns
-        )
+        motion, found = find_motion(recording, job.config, found)
         config, used, found = use_settings(job.settings, recording, found, job.rig, moves=motion is not None)
         logger.info("settings: %s", used)
         copied, notes = choose_copied(job.outputs, recording, found.rig, config)

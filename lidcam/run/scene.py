@@ -1,6 +1,7 @@
 """The scene of a recording by its first clouds: its size, the preset that suits it, a level frame for tilted lidars."""
 
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -8,16 +9,19 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64
 from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud
+from lidcam.pipeline.core.errors import FrameError, MessageError
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.rig import LidarSensor, Rig
 from lidcam.pipeline.core.settings.combine import GroundConfig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.filters.ground import find_ground
 from lidcam.pipeline.stages.odometry import FindOdometry
+from lidcam.readers.messages.tf import ODOMETRY, decode_odometry
 from lidcam.readers.recording import Recording
 from lidcam.readers.rig.discovery import Discovery
 from lidcam.readers.rig.schema import Pose, RigFile
 from lidcam.readers.streams.decoders import CloudDecoder
+from lidcam.readers.streams.motion import MotionSource, find_motion_source
 
 CLOUDS = 3
 """Number of clouds taken of each lidar: the first sweep may be a part of one."""
@@ -51,6 +55,9 @@ MAST_LIDAR_M = 3.0
 LOOKS = (0.0, 1 / 3, 2 / 3)
 """Times at which the clouds are looked at for motion and tilt, as shares of the recording: a truck may wait at its
 beginning."""
+
+STILL = 1e-4
+"""Maximum change of poses that stand still, metres and radians."""
 
 LOOK_CLOUDS, LOOK_STEP_NS = 5, 150_000_000
 """Number of these clouds, and the least time between two of them, nanoseconds."""
@@ -100,6 +107,45 @@ def clouds_show_motion(recording: Recording, rig: Rig, config: Config) -> bool:
     span_ns = max(recording.end_ns - recording.start_ns, 0)
     begins_ns = sorted({recording.start_ns + round(share * span_ns) for share in LOOKS})
     return any(_moves(recording, rig, config, begin_ns) for begin_ns in begins_ns)
+
+
+def find_motion(recording: Recording, config: Config, found: Discovery) -> tuple[MotionSource | None, Discovery]:
+    """The source of the site frame's motion, and the rig with a note where odometry is dead: then there is none.
+
+    Drivers publish zeros where nothing measures the motion. Odometry that the settings name is believed.
+
+    Raises:
+        ConfigError: as of `find_motion_source`.
+    """
+    source = find_motion_source(recording, found.rig, found.transforms, config, usual_delay_ns=found.usual_delay_ns)
+    odometry = {info.topic for info in recording.topics if info.msgtype == ODOMETRY}
+    dead = source is not None and not config.combine.motion.topic and odometry.issuperset(source.topics)
+    if not (source and dead and found.rig.lidars and _is_dead(recording, found.rig, config, source.topics[0])):
+        return source, found
+    note = (
+        f"{source.topics[0]}: its poses stand still while the clouds show that the rig moves, so it is not used "
+        f"(--set combine.motion.topic={source.topics[0]} does)"
+    )
+    return None, replace(found, notes=(*found.notes, note))
+
+
+def _is_dead(recording: Recording, rig: Rig, config: Config, topic: str) -> bool:
+    """Whether the poses of an odometry never change, though the clouds show motion."""
+    span_ns = max(recording.end_ns - recording.start_ns, 0)
+    begins_ns = sorted({recording.start_ns + round(share * span_ns) for share in LOOKS})
+    looks = [(begin_ns, _poses(recording, topic, config, begin_ns)) for begin_ns in begins_ns]
+    if any(len(poses) and np.ptp(poses, axis=0).max() > STILL for _, poses in looks):
+        return False
+    return any(len(poses) > 1 and _moves(recording, rig, config, begin_ns) for begin_ns, poses in looks)
+
+
+def _poses(recording: Recording, topic: str, config: Config, begin_ns: int) -> F64:
+    """(N, 4, 4) poses of an odometry soon after a log time, as far as they can be decoded."""
+    poses: list[F64] = []
+    for message in recording.messages([topic], start_ns=begin_ns, stop_ns=begin_ns + MAX_WAIT_NS):
+        with suppress(MessageError, FrameError):
+            poses.append(decode_odometry(message, limits=config.limits).matrix)
+    return np.array(poses).reshape(-1, 4, 4)
 
 
 def _moves(recording: Recording, rig: Rig, config: Config, begin_ns: int) -> bool:

@@ -2,18 +2,20 @@
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import lidar_scene
 import numpy as np
 import pytest
-from builders import pointcloud2, raw
+from builders import odometry, pointcloud2, raw
 from memory_recording import MemoryRecording
 
 from lidcam.pipeline.core.arrays import F32
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.run.scene import MAX_MESSAGES, SceneSize, clouds_show_motion, measure_scene
+from lidcam.readers.rig.discovery import discover_rig
+from lidcam.run.scene import MAX_MESSAGES, SceneSize, clouds_show_motion, find_motion, measure_scene
 
 START_NS = 1_600_000_000_000_000_000
 PERIOD_NS = 100_000_000
@@ -113,19 +115,45 @@ def street() -> F32:
     return np.concatenate(points).astype(np.float32)
 
 
-@pytest.mark.parametrize(
-    ("begins", "speed_m_s", "moves"), [(0, 0, False), (0, 3, True), (0, 20, True), (35, 8, True), (0, 0.1, False)]
-)
-def test_clouds_show_whether_a_lidar_is_on_a_mast_or_on_a_truck(begins: int, speed_m_s: float, moves: bool) -> None:
+def drive(*, speed_m_s: float, begins: int = 0, count: int = 60) -> list[RawMessage]:
+    """Clouds of a lidar that drives along the street from some message on."""
     world, rng = street(), np.random.default_rng(3)
     messages = []
-    for number in range(60):
+    for number in range(count):
         x_m = speed_m_s * 0.1 * max(number - begins, 0) - 40
         seen = (world - [x_m, 0, 3.2]).astype(np.float32)
         seen = seen[rng.random(len(seen)) < np.minimum((8 / np.linalg.norm(seen, axis=1)) ** 2, 1)]
         messages.append(cloud(0, seen, number))
-    recording = MemoryRecording(messages)
+    return messages
+
+
+@pytest.mark.parametrize(
+    ("begins", "speed_m_s", "moves"), [(0, 0, False), (0, 3, True), (0, 20, True), (35, 8, True), (0, 0.1, False)]
+)
+def test_clouds_show_whether_a_lidar_is_on_a_mast_or_on_a_truck(begins: int, speed_m_s: float, moves: bool) -> None:
+    recording = MemoryRecording(drive(speed_m_s=speed_m_s, begins=begins))
     assert clouds_show_motion(recording, rig(3.2), Config()) == moves
-    size = measure_scene(recording, rig(3.2), Config())
-    assert size is not None
-    assert size.lidar_height_m == pytest.approx(3.2, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "odometry_m_s", "settings", "is_used"),
+    [
+        (8, 8, {}, True),
+        (8, 0.1, {}, True),  # it may be poor
+        (8, 0, {}, False),
+        (0, 0, {}, True),  # it stands
+        (8, 0, {"combine": {"motion": {"topic": "/odom"}}}, True),
+    ],
+)
+def test_odometry_that_stands_still_while_the_clouds_move(
+    speed_m_s: float, odometry_m_s: float, settings: dict[str, Any], is_used: bool
+) -> None:
+    messages = drive(speed_m_s=speed_m_s, count=20)
+    for message in messages[:]:
+        x_m = odometry_m_s * (message.stamp_ns - START_NS) / 1e9
+        pose = odometry(stamp_ns=message.stamp_ns, child_frame_id="lidar", position=(x_m, 0, 0))
+        messages.append(raw("/odom", "nav_msgs/msg/Odometry", pose, message.stamp_ns))
+    recording, config = MemoryRecording(messages), Config.model_validate(settings)
+    motion, found = find_motion(recording, config, discover_rig(recording, config))
+    assert (motion is not None) is is_used
+    assert [note.startswith("/odom: its poses stand still") for note in found.notes] == [True] * (not is_used)
