@@ -73,6 +73,9 @@ SAMPLE_POINTS = 3000
 MAX_STEP_ERROR, MAX_STEP_ERROR_SHARE = 1.0, 0.1
 """Maximum error of a recorded step: a distance, and a share of the step in addition."""
 
+MAX_ACCELERATION_M_S2 = 15.0
+"""Maximum acceleration of a rig; a recorded step beyond it is a jump or noise, and the clouds decide."""
+
 MIN_STEP = 0.1
 """Minimum length of a step from which the error per metre is estimated."""
 
@@ -115,6 +118,7 @@ class FindOdometry:
         self._stamp_ns, self._step_ns = 0, 0  # of 0: the velocity is not known
         self._usual: float | None = None
         self._recorded: F64 | None = None
+        self._recorded_m_s: F64 | None = None  # Velocity of the last recorded step, along the axes of the site
         self._error, self._steps = np.zeros(6), 1  # of recorded steps, a twist per metre
 
     def __call__(self, combined: CombinedCloud, stamp_ns: int, T_fixed_site: F64 | None = None) -> OdometryPose | None:
@@ -132,16 +136,29 @@ class FindOdometry:
         if self._key is None:
             self._begin(xyz, stamp_ns, T_fixed_site)
             return None
-        if T_fixed_site is None or before is None:
+        step = None if T_fixed_site is None or before is None else np.linalg.inv(before) @ T_fixed_site
+        if step is None or self._is_jump(step, stamp_ns):
             pose = self._guess(stamp_ns)
             scan, is_found = self._registered(xyz, pose, is_near=self._step_ns > 0)
             pose = scan.T_fixed_site if scan is not None and is_found else pose
         else:
-            pose, scan, is_found = self._corrected(xyz, np.linalg.inv(before) @ T_fixed_site)
+            pose, scan, is_found = self._corrected(xyz, step)
         if self._state is _State.UNKNOWN and not self._has_moved(scan if is_found else None, stamp_ns):
             return None
-        self._follow(pose, scan, stamp_ns, is_found=is_found)
+        self._follow(pose, scan, stamp_ns, is_found=is_found, is_known=is_found or step is not None)
         return OdometryPose(pose.copy(), not is_found)
+
+    def _is_jump(self, step: F64, stamp_ns: int) -> bool:
+        """Whether a recorded step fits neither the motion so far nor the recorded step before."""
+        seconds = (stamp_ns - self._stamp_ns) * 1e-9
+        if not 0 < stamp_ns - self._stamp_ns <= MAX_GAP_NS:
+            self._recorded_m_s = None
+            return False
+        before, self._recorded_m_s = self._recorded_m_s, step[:3, 3] / seconds
+        if before is None or not self._step_ns:
+            return False
+        known = before, self._step[:3, 3] / (self._step_ns * 1e-9)
+        return all(np.linalg.norm(self._recorded_m_s - one) > MAX_ACCELERATION_M_S2 * seconds for one in known)
 
     def _corrected(self, xyz: Any, step: F64) -> tuple[F64, _Scan | None, bool]:
         """The filtered pose after a recorded step, and the result of `_registered` for it."""
@@ -271,9 +288,9 @@ class FindOdometry:
         angle = np.arccos(np.clip((np.trace(T[:3, :3]) - 1) / 2, -1, 1))
         return float(np.linalg.norm(T[:3, 3]) + angle * self._extent_m)
 
-    def _follow(self, pose: F64, scan: _Scan | None, stamp_ns: int, *, is_found: bool) -> None:
+    def _follow(self, pose: F64, scan: _Scan | None, stamp_ns: int, *, is_found: bool, is_known: bool) -> None:
         """Update the velocity, and the key frames where one is due."""
-        if is_found and 0 < stamp_ns - self._stamp_ns <= MAX_GAP_NS:
+        if is_known and 0 < stamp_ns - self._stamp_ns <= MAX_GAP_NS:
             self._step, self._step_ns = np.linalg.inv(self._pose) @ pose, stamp_ns - self._stamp_ns
         self._pose, self._stamp_ns = pose, stamp_ns
         if scan is None or self._state is not _State.MOVES:

@@ -170,3 +170,27 @@ def test_recorded_motion_that_the_clouds_do_not_show_is_taken(clouds: str) -> No
     shown = {"of others that move": of_others, "bare ground": bare, "empty": [np.zeros((0, 3))] * 10}[clouds]
     for pose, T in zip(corrected(shown, recorded), recorded, strict=True):
         assert pose is None or (pose.is_predicted and np.allclose(pose.T_fixed_site, T))
+
+
+@pytest.mark.parametrize(("jump_m", "noise_m"), [(3.0, 0.0), (0.0, 0.4)], ids=["jump", "noise"])
+def test_recorded_steps_that_no_rig_makes_are_those_of_the_clouds(jump_m: float, noise_m: float) -> None:
+    """A jump of a satellite receiver, and its noise without a filter."""
+    random = np.random.default_rng(5)
+    truth = [straight(i) for i in range(16)]
+    recorded = [
+        at(1.1 * i + jump_m * (i >= 8) + x, y) for i, (x, y) in enumerate(noise_m * random.normal(size=(16, 2)))
+    ]
+    poses = corrected([seen(T, seed=i) for i, T in enumerate(truth)], recorded)
+    steps = np.diff([pose.T_fixed_site[:2, 3] for pose in poses if pose is not None], axis=0)
+    assert len(steps) == 14
+    np.testing.assert_allclose(steps[4:], np.tile([1.1, 0.0], (10, 1)), atol=0.25)
+
+
+@pytest.mark.parametrize("clouds", ["seen", "bare ground"])
+def test_hard_braking_is_no_jump(clouds: str) -> None:
+    ways_m = np.cumsum([1.5] * 5 + [max(1.5 - 0.1 * k, 0.0) for k in range(12)])  # 10 m/s^2
+    truth = [at(x) for x in ways_m]
+    world = WORLD if clouds == "seen" else WORLD[-1:]
+    poses = corrected([seen(T, world, seed=i) for i, T in enumerate(truth)], truth)
+    there = np.array([pose.T_fixed_site[:2, 3] for pose in poses if pose is not None])
+    np.testing.assert_allclose(there, np.c_[ways_m[1:], np.zeros(16)], atol=0.1)
