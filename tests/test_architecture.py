@@ -55,7 +55,7 @@ MAX_LINES = {
     "e2e": (0, 3980),
     "fuzz": (0, 820),
     "lidcam": (1430, 680),
-    "lidcam/batches": (1310, 590),
+    "lidcam/batches": (1310, 600),
     "lidcam/checks": (1050, 770),
     "lidcam/cli": (4320, 1650),
     "lidcam/evaluation": (970, 620),

@@ -79,7 +79,8 @@ def test_a_batch_goes_on_without_a_node_that_is_gone_and_makes_what_processes_ma
     others = run_batch(jobs, replace(options, out=tmp_path / "local"), LocalEngine(3, PROGRAM), lambda _: None)
     assert capsys.readouterr().out == ""  # of Ray, which prints what happened to the node
     assert sorted(told) == ["a", "b", "bad", "c", "d", "e"]
-    assert sorted((out / "finished").read_text()) == ["a", "b", "c", "d", "e"]
+    # A job that ended on the lost node before its record came is done again.
+    assert {*(out / "finished").read_text()} == {"a", "b", "c", "d", "e"}
     assert [_facts(one) for one in records] == [_facts(one) for one in others]
     assert [one.state for one in records] == ["done", "done", "failed", "done", "done", "done"]
     assert all(one.processor_s > 0 and one.wall_s > 0.5 and one.peak_mib > 5 for one in records)
