@@ -97,12 +97,11 @@ class CameraCheck:
     def __init__(self, rig: Rig) -> None:
         self._cameras = [camera for camera in rig.cameras if camera.topic]
         self._last: dict[str, bytes] = {}
-        self._images, self._same, self._boxes, self._shown = (
-            Counter[str](),
-            Counter[str](),
-            Counter[str](),
-            Counter[str](),
-        )
+        # By camera: images, those that repeat the one before, 2D boxes, and objects in view
+        self._images: Counter[str] = Counter()
+        self._same: Counter[str] = Counter()
+        self._boxes: Counter[str] = Counter()
+        self._shown: Counter[str] = Counter()
 
     def add_frame(self, frame: FrameResult) -> None:
         """Add one frame."""

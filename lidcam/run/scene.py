@@ -119,18 +119,20 @@ def find_motion(recording: Recording, config: Config, found: Discovery) -> tuple
     """
     source = find_motion_source(recording, found.rig, found.transforms, config, usual_delay_ns=found.usual_delay_ns)
     odometry = {info.topic for info in recording.topics if info.msgtype == ODOMETRY}
-    dead = source is not None and not config.combine.motion.topic and odometry.issuperset(source.topics)
-    if not (source and dead and found.rig.lidars and _is_dead(recording, found.rig, config, source.topics[0])):
+    topic = next((topic for topic in source.topics if topic in odometry), "") if source else ""
+    if not topic or config.combine.motion.topic or not _is_dead(recording, found.rig, config, topic):
         return source, found
     note = (
-        f"{source.topics[0]}: its poses stand still while the clouds show that the rig moves, so it is not used "
-        f"(--set combine.motion.topic={source.topics[0]} does)"
+        f"{topic}: its poses stand still while the clouds show that the rig moves, so it is not used "
+        f"(--set combine.motion.topic={topic} uses it)"
     )
     return None, replace(found, notes=(*found.notes, note))
 
 
 def _is_dead(recording: Recording, rig: Rig, config: Config, topic: str) -> bool:
-    """Whether the poses of an odometry never change, though the clouds show motion."""
+    """Whether the poses of an odometry never change, though the clouds show motion; not without lidars."""
+    if not rig.lidars:
+        return False
     span_ns = max(recording.end_ns - recording.start_ns, 0)
     begins_ns = sorted({recording.start_ns + round(share * span_ns) for share in LOOKS})
     looks = [(begin_ns, _poses(recording, topic, config, begin_ns)) for begin_ns in begins_ns]

@@ -42,9 +42,8 @@ PARTS = {
 }
 """Parts of the calibration that a key of a rig file belongs to."""
 
-
 MIN_UP = 0.7
-"""Minimum share of up in the viewing direction of a camera that is taken to be given by the frame of its body."""
+"""Minimum upward component of a viewing direction from which the frame is taken to be that of the camera's body."""
 
 OPTICAL_OF_BODY = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
 """T_optical_body of REP 103."""
