@@ -69,6 +69,12 @@ MIN_TILT_DEG = 6.0
 MAX_SPREAD_DEG = 2.0
 """Maximum angle between the ground at different times; a lidar that is carried by hand has no level frame."""
 
+MIN_FLOOR_SHARE = 0.15
+"""Minimum share of points on the ground above a lidar; in streets a third of all are, and on a roof few."""
+
+TURNED_OVER = np.array([1.0, -1.0, -1.0])
+"""Factors of coordinates that turn them over, about the x axis."""
+
 SUFFIX = "_level"
 
 
@@ -251,14 +257,19 @@ def level_site(recording: Recording, config: Config, rig_file: RigFile | None, f
     up = _up(recording, rig, lidar, config)
     if up is None:
         return None
-    half_way = np.array([0.0, 0.0, 1.0]) + up
-    x, y, z, w = (np.append(np.cross([0.0, 0.0, 1.0], half_way), half_way[2]) / np.linalg.norm(half_way)).tolist()
-    edges = {**file.transforms.get(site, {}), level: Pose(rotation_xyzw=(x, y, z, w))}
+    edges = {**file.transforms.get(site, {}), level: Pose(rotation_xyzw=_turning_up_to(up))}
     return Level(
         file.model_copy(update={"site_frame": level, "transforms": {**file.transforms, site: edges}}),
         f"{lidar.name}: the ground is tilted by {np.degrees(np.arccos(up[2])):.0f} degrees in its frame, so objects "
         f"are in the level frame {level}; --set rig.site_frame={site} keeps them in its own",
     )
+
+
+def _turning_up_to(up: F64) -> tuple[float, float, float, float]:
+    """The quaternion (x, y, z, w) that turns the z axis to a unit vector; to one that points down about x first."""
+    half_way = np.array([0.0, 0.0, 1.0]) + (up if up[2] >= 0 else up * TURNED_OVER)
+    x, y, _, w = (np.append(np.cross([0.0, 0.0, 1.0], half_way), half_way[2]) / np.linalg.norm(half_way)).tolist()
+    return (x, y, 0.0, w) if up[2] >= 0 else (w, 0.0, y, -x)
 
 
 def _up(recording: Recording, rig: Rig, lidar: LidarSensor, config: Config) -> F64 | None:
@@ -269,15 +280,33 @@ def _up(recording: Recording, rig: Rig, lidar: LidarSensor, config: Config) -> F
         cloud = _first_cloud(recording, rig, lidar, config, begin_ns)
         if cloud is None:
             continue
-        plane = floor_of(cloud.xyz, np.zeros((1, 3)))
-        if plane is None or plane.normal[2] > np.cos(np.radians(MIN_TILT_DEG)):
+        normal = _floor_normal(cloud.xyz)
+        if normal is None or normal[2] > np.cos(np.radians(MIN_TILT_DEG)):
             return None
-        normals.append(plane.normal)
+        normals.append(normal)
     if not normals:
         return None
     mean = np.mean(normals, 0)
     mean /= np.linalg.norm(mean)
     return mean if (np.array(normals) @ mean >= np.cos(np.radians(MAX_SPREAD_DEG))).all() else None
+
+
+def _floor_normal(xyz: F32) -> F64 | None:
+    """The normal of the ground below a lidar, or above one that hangs upside down; None if there is neither."""
+    below, share = _floor(xyz)
+    if share < MIN_FLOOR_SHARE:
+        above, share = _floor(xyz * TURNED_OVER.astype(np.float32))
+        if above is not None and share >= MIN_FLOOR_SHARE:
+            return np.asarray(above.normal * TURNED_OVER)
+    return None if below is None else below.normal
+
+
+def _floor(xyz: F32) -> tuple[Plane | None, float]:
+    """The ground below a lidar at the origin, and the share of the points on it."""
+    plane = floor_of(xyz, np.zeros((1, 3)))
+    if plane is None:
+        return None, 0.0
+    return plane, float((np.abs(xyz @ plane.normal + plane.offset_m) < LAYER_M[1]).mean())
 
 
 def _first_cloud(

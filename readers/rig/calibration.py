@@ -149,7 +149,7 @@ def calibrate_camera(
     if topics.image:
         first.decoded(topics.image, IMAGE)
     check_complete(camera.entry)
-    lens = camera_intrinsics(camera, first)
+    lens = camera_intrinsics(camera, frames, first)
     T_camera_site, extrinsics = camera_extrinsics(camera, lens.T_model_camera.src, frames)
     pose, entry = lens.T_model_camera @ T_camera_site, camera.entry
     remarks = [lens.remark]
@@ -199,15 +199,16 @@ class Lens(NamedTuple):
     rectified: tuple[CameraModel, Transform] | None = None
 
 
-def camera_frame(camera: AssignedCamera, first: FirstMessages) -> str:
-    """The frame of a camera: as the rig file says, else CameraInfo, its images or its boxes; empty if none does."""
-    topics = camera.topics
-    return (
-        clean_frame(camera.entry.frame_id)
-        or (topics.info and first.frame(topics.info, CAMERA_INFO))
-        or (topics.image and first.frame(topics.image, IMAGE))
-        or (topics.boxes and first.frame(topics.boxes, BOXES))
-    )
+def camera_frame(camera: AssignedCamera, frames: Frames, first: FirstMessages) -> str:
+    """The frame of a camera: as the rig file says, else CameraInfo, its images or its boxes; empty if none does.
+
+    Where tf has none of the first of them that names a frame, but of a later one, it is that.
+    """
+    topics, of_rig = camera.topics, clean_frame(camera.entry.frame_id)
+    kinds = (topics.info, CAMERA_INFO), (topics.image, IMAGE), (topics.boxes, BOXES)
+    named = [name for topic, kind in kinds if topic and (name := first.frame(topic, kind))]
+    joined = (name for name in named if frames.transforms.are_joined(frames.site, name))
+    return of_rig or next(joined, named[0] if named else "")
 
 
 def recorded_size(topics: CameraTopics, first: FirstMessages) -> tuple[int, int] | None:
@@ -216,14 +217,14 @@ def recorded_size(topics: CameraTopics, first: FirstMessages) -> tuple[int, int]
     return size or (first.image_size(topics.info, CAMERA_INFO) if topics.info else None)
 
 
-def camera_intrinsics(camera: AssignedCamera, first: FirstMessages) -> Lens:
+def camera_intrinsics(camera: AssignedCamera, frames: Frames, first: FirstMessages) -> Lens:
     """Intrinsics of the rig file, else of CameraInfo.
 
     Raises:
         CalibrationError: they are missing or not valid, or not for images of the recorded size.
         MessageError: no CameraInfo of the camera can be decoded.
     """
-    entry, topics, frame = camera.entry, camera.topics, camera_frame(camera, first)
+    entry, topics, frame = camera.entry, camera.topics, camera_frame(camera, frames, first)
     if entry.P is not None or entry.K is not None:
         frame = frame or f"{transport_free(topics.topic).strip('/').replace('/', '_')}_optical"
         lens = Lens(_model_of_entry(entry, topics, frame, first), Transform.identity(frame, frame), RIG_FILE)

@@ -93,8 +93,8 @@ def _lidar(lidar: AssignedLidar, frames: Frames, found: FoundSensors) -> list[st
 def _camera(camera: AssignedCamera, frames: Frames, found: FoundSensors) -> list[str]:
     """The lines of a camera; its pose, if it is known, goes into `frames`."""
     first, topics = found.first, camera.topics
-    lens, lens_problem = _tried(lambda: _complete_lens(camera, first))
-    frame = camera_frame(camera, first) if lens is None else lens.T_model_camera.src
+    lens, lens_problem = _tried(lambda: _complete_lens(camera, frames, first))
+    frame = camera_frame(camera, frames, first) if lens is None else lens.T_model_camera.src
     pose, pose_problem = _tried(lambda: _complete_pose(camera, frame, frames))
     if pose is not None:
         pose = pose if lens is None else lens.T_model_camera @ pose
@@ -118,9 +118,9 @@ def _camera(camera: AssignedCamera, frames: Frames, found: FoundSensors) -> list
     return [*lines, *_pose("T_camera_site", pose, pose_problem), *_offset(camera.entry.time_offset_ns)]
 
 
-def _complete_lens(camera: AssignedCamera, first: FirstMessages) -> Lens:
+def _complete_lens(camera: AssignedCamera, frames: Frames, first: FirstMessages) -> Lens:
     check_complete(camera.entry, "intrinsics")
-    return camera_intrinsics(camera, first)
+    return camera_intrinsics(camera, frames, first)
 
 
 def _complete_pose(camera: AssignedCamera, frame: str, frames: Frames) -> Transform:

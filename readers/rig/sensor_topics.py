@@ -21,16 +21,16 @@ from lidcam.readers.messages.registry import types_of
 from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.natural_order import natural_key
 from lidcam.readers.recording import Recording, TopicInfo
-from lidcam.readers.rig.derived import (
+from lidcam.readers.rig.derived.clouds import (
     COMPUTED_FIELDS,
     PACKETS,
     RADAR_FIELDS,
     cloud_sources,
     has_fields,
-    image_sources,
     is_measured,
     is_world_frame,
 )
+from lidcam.readers.rig.derived.images import image_sources
 from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.rig.topic_names import is_measured_image, is_truth, pair_score, place, transport_free
 from lidcam.readers.rig.undecoded import undecoded

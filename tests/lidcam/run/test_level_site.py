@@ -62,6 +62,15 @@ def test_the_ground_is_level_afterwards(count: int, roll_deg: float, pitch_deg: 
     ), "turned no further"
 
 
+@pytest.mark.parametrize(("roll_deg", "pitch_deg"), [(180, 0), (170, 5), (0, 180)])
+def test_a_lidar_that_hangs_upside_down(roll_deg: float, pitch_deg: float) -> None:
+    T_level_lidar = turn(roll_deg, pitch_deg)
+    found = level([cloud(number, T_level_lidar) for number in range(3)])
+    assert found is not None
+    np.testing.assert_allclose(found @ T_level_lidar.T @ [0, 0, 1], [0, 0, 1], atol=np.radians(0.3))
+    assert found[0, 0] > 0.9, "ahead stays ahead"
+
+
 TILTED = turn(0, 15)
 
 
@@ -71,6 +80,7 @@ TILTED = turn(0, 15)
         pytest.param([cloud(0, turn(3, 3))], {}, id="a road of some degrees"),
         pytest.param([cloud(0, TILTED, floor=False)], {}, id="no floor"),
         pytest.param([cloud(0, turn(0, 60))], {}, id="a wall would be a floor"),
+        pytest.param([cloud(0, turn(180, 0), floor=False)], {}, id="upside down without a floor"),
         pytest.param([cloud(row, turn(0, 15 + 3 * row)) for row in range(6)], {}, id="carried by hand"),
         pytest.param([cloud(0, TILTED)], {"rig": {"site_frame": "lidar"}}, id="named by the rig file"),
         pytest.param([cloud(0, TILTED)], {"rig": {"ground_height_m": -1.7}}, id="with the height of the ground"),

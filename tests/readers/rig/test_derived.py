@@ -213,6 +213,14 @@ def merged(one: Sweep) -> Iterable[RawMessage]:
     yield cloud("/merged", one, both, "base_link", late_ms=40)
 
 
+def merged_by_the_first(one: Sweep) -> Iterable[RawMessage]:
+    """The same in the frame of the first lidar."""
+    other = sweep(one.number, 1)
+    yield next(iter(merged(one)))
+    own = {"intensity": np.concatenate([one.fields["intensity"], other.fields["intensity"]])}
+    yield cloud("/merged", one, np.concatenate([one.xyz, other.xyz]), "velodyne", own, late_ms=40)
+
+
 VELODYNE, LEFT, LINK = (
     ("base_link", "velodyne", (1.2, 0, 1.9)),
     ("base_link", "left", (1.2, 0.5, 1.9)),
@@ -248,6 +256,8 @@ VELODYNE, LEFT, LINK = (
         (of_the_same_kind, True, [VELODYNE], ["/left/points"]),
         (beside("map", 20), True, [VELODYNE, ("map", "base_link", (0, 0, 0))], ["/left/points"]),  # at the roadside
         (merged, False, [VELODYNE, LEFT], ["/left/points"]),
+        (merged_by_the_first, False, [VELODYNE, LEFT], ["/left/points"]),
+        (merged_by_the_first, False, [("velodyne", "left", (0, 0.5, 0))], ["/left/points"]),
     ],
 )
 def test_the_lidars(made: Made, edges: Any, others: list[str], *, is_full: bool) -> None:
@@ -255,7 +265,7 @@ def test_the_lidars(made: Made, edges: Any, others: list[str], *, is_full: bool)
     assert [lidar.topic for lidar in found.rig.lidars] == [*others, RAW]
     assert [camera.name for camera in found.rig.cameras] == ["camera"]
     assert found.faults == ()
-    if not others or made is merged:
+    if not others or made in (merged, merged_by_the_first):
         assert found.notes[-1] == f"lidars: {', '.join([*others, RAW])}; to choose others: " + (
             f"--set 'topics.lidars=[{','.join([*others, RAW])}]'"
         )

@@ -335,6 +335,14 @@ def test_boxes_alone_make_a_camera() -> None:
     assert any("/other/detections" in note for note in found.notes)
 
 
+@pytest.mark.parametrize(
+    ("of_info", "of_image", "frame"), [("cam", "other", "cam"), ("other", "cam", "cam"), ("", "cam", "cam")]
+)
+def test_the_frame_of_a_camera_is_one_that_tf_has(of_info: str, of_image: str, frame: str) -> None:
+    found = rig_with(image_message("/c/image", of_image), info("/c/camera_info", of_info))
+    assert [camera.model.frame_id for camera in found.rig.cameras] == [frame]
+
+
 def test_rectified_images_are_projected_in_the_rectified_frame() -> None:
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     calibration = info("/c/camera_info", "cam", R=turn, distortion=(0.1, 0, 0, 0, 0))

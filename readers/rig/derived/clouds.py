@@ -1,15 +1,14 @@
-"""Clouds and images that nodes made of a sensor's: a robot that records everything has both.
+"""Clouds that nodes made of a lidar's: a robot that records everything has both.
 
-Nodes hand on the stamp of what they worked on, so clouds, or images, of equal stamps are candidates. Sensors that are
-triggered together, or simulated, have equal stamps as well; frames and contents tell them apart. The points of a
-filtered cloud are among the sensor's to a few millimetres. In the sensor's own frame, or in one above it, points that
-were thinned out or corrected for motion lie near the sensor's. An image that something was drawn on keeps the pattern
-of the camera's, or has no calibration of its own.
+Lidars that are triggered together, or simulated, have equal stamps as well; frames and points tell them apart. The
+points of a filtered cloud are among the sensor's to a few millimetres. In the sensor's own frame, or in one above it,
+points that were thinned out or corrected for motion lie near the sensor's.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -18,8 +17,6 @@ from lidcam.pipeline.core.arrays import F32, F64, I64
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.recording import RecordingLimits
-from lidcam.readers.messages.image import decode_any_image
 from lidcam.readers.messages.point_time import TIME_FIELDS
 from lidcam.readers.messages.pointcloud2 import INTENSITY_FIELDS, RING_FIELDS
 from lidcam.readers.messages.registry import types_of
@@ -27,10 +24,11 @@ from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.natural_order import natural_key
 from lidcam.readers.ouster.packets import SWEEP
 from lidcam.readers.recording import Recording, TopicInfo
+from lidcam.readers.rig.derived.contents import Contents, Pair
 from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.velodyne.scan import SCAN
 
-CLOUD, IMAGE = types_of("cloud"), types_of("image")
+CLOUD = types_of("cloud")
 PACKETS = frozenset({SCAN, SWEEP})
 """Types of sweeps of a lidar's packets."""
 
@@ -42,24 +40,6 @@ COMPUTED_FIELDS = frozenset({"normal_x", "normal_y", "normal_z", "curvature", "r
 
 RADAR_FIELDS = frozenset({"doppler", "doppler_velocity", "radial_velocity", "range_rate", "rcs", "velocity", "vx_comp"})
 """Fields of clouds of radars; lidars that measure speeds have times of points, too."""
-
-LOOK_NS = 1_500_000_000
-"""Log time before and after the first message of the topic that begins last, in which stamps are compared."""
-
-STAMP_NS = 1_000
-"""Largest difference of equal stamps: nodes that keep times as float64 seconds round them."""
-
-ENOUGH = 6
-"""Number of messages of each topic after which no more are read."""
-
-LAST = 3
-"""Number of the sensor's last messages of which a message with a stamp of its own may have been made."""
-
-MAX_COMPARED = 40
-"""Largest number of topics that are compared with one another; a robot with everything on has twenty."""
-
-MIN_EQUAL_SHARE = 0.8
-"""Smallest share of a topic's stamps that the sensor's topic has, too."""
 
 SAMPLED = 2000
 """Number of points of a cloud that are sought in another one."""
@@ -90,38 +70,6 @@ MIN_RUNS, MIN_RUNS_RATIO = 0.2, 2.0
 
 MIN_NOT_AMONG = 0.001
 """Smallest share of the intensities of copied points that another sweep lacks; the sensor's has all of them."""
-
-PATTERN_PX = 320, 240
-"""Size at which the patterns of images are compared."""
-
-MIN_PATTERN, MIN_COPY = 0.8, 0.98
-"""Smallest correlations of an image's pattern with that of the same image, something drawn on it, and of its copy."""
-
-
-class Seen(NamedTuple):
-    """The messages of a topic over a few seconds."""
-
-    stamps_ns: I64  # (N,) in order
-    log_ns: I64  # (N,) times at which they were recorded
-
-    @property
-    def delay_ns(self) -> float:
-        """Median time between stamp and recording; infinite without messages."""
-        return float(np.median(self.log_ns - self.stamps_ns)) if len(self.stamps_ns) else np.inf
-
-    def shared_with(self, sensor: "Seen") -> list[tuple[int, int]]:
-        """Log times of its messages and of the sensor's of equal stamps."""
-        if not len(sensor.stamps_ns):
-            return []
-        near = np.searchsorted(sensor.stamps_ns, self.stamps_ns - STAMP_NS).clip(max=len(sensor.stamps_ns) - 1)
-        equal = (np.abs(sensor.stamps_ns[near] - self.stamps_ns) <= STAMP_NS) & (self.stamps_ns != 0)
-        return list(zip(self.log_ns[equal].tolist(), sensor.log_ns[near[equal]].tolist(), strict=True))
-
-    def recorded_after(self, sensor: "Seen") -> list[tuple[int, int]]:
-        """Log times of a message, and of each of the last of the sensor's that were recorded before it."""
-        log_ns = int(np.sort(self.log_ns)[len(self.log_ns) // 2])
-        before = np.sort(sensor.log_ns[sensor.log_ns < log_ns])
-        return [(log_ns, one) for one in before[: -LAST - 1 : -1].tolist()]
 
 
 def is_world_frame(
@@ -171,102 +119,6 @@ def _fields(content: Any) -> set[str]:
     return {str(field.name).lower() for field in getattr(content, "fields", ())}
 
 
-class Pair(NamedTuple):
-    """Two topics with messages of one stamp: one that may have been made of the other, a sensor's."""
-
-    topic: str
-    sensor: str  # Or what was made of a sensor's
-    log_ns: int  # When the message of `topic` was recorded
-    sensor_log_ns: int  # When that of `sensor` was
-    other_log_ns: int | None  # When another message of `sensor` was
-    is_stamped: bool  # Whether their stamps are equal; else they were recorded one after the other
-
-
-class Contents:
-    """The stamps of some topics of a recording, all of a kind, and the decoded content of single messages."""
-
-    def __init__(
-        self,
-        recording: Recording,
-        topics: Sequence[str],
-        kind: frozenset[str],
-        first: FirstMessages,
-        decode: Callable[[RawMessage], Any],
-    ) -> None:
-        self._recording, self._kind, self._decode = recording, kind, decode
-        self._decoded: dict[tuple[str, int], Any] = {}
-        begin_ns = {topic: first.log_time_ns(topic, kind) for topic in topics}
-        self._seen = _seen(recording, {topic: at_ns for topic, at_ns in begin_ns.items() if at_ns is not None})
-
-    def delay_ns(self, topic: str) -> float:
-        """Median time between stamp and recording; infinite where that is not known."""
-        return self._seen[topic].delay_ns if topic in self._seen else np.inf
-
-    def sources(self, ordered: Iterable[str], is_made_of: Callable[[Pair], bool | None]) -> dict[str, str]:
-        """The topic that each one was made of, empty for sensors; the rawest come first.
-
-        `is_made_of` is asked for other messages of the pair of topics where it returns None: they say nothing.
-        """
-        sources: dict[str, str] = {}
-        for topic in ordered:
-            before = sorted(sources, key=lambda one: sources[one] != "")  # sensors first
-            found = self._source(topic, before, is_made_of)
-            sources[topic] = sources.get(found) or found
-        return sources
-
-    def _source(self, topic: str, sensors: Sequence[str], is_made_of: Callable[[Pair], bool | None]) -> str:
-        seen = self._seen.get(topic)
-        if seen is None or not len(seen.stamps_ns):
-            return ""
-        shared = {one: seen.shared_with(self._seen[one]) for one in sensors if one in self._seen}
-        equal = {log_ns for pairs in shared.values() for log_ns, _ in pairs}
-        is_stamped = len(equal) >= max(MIN_EQUAL_SHARE * np.count_nonzero(seen.stamps_ns), 1)
-        if not is_stamped:
-            shared = {one: seen.recorded_after(self._seen[one]) for one in shared}
-        for sensor, pairs in shared.items():
-            other_ns = pairs[0][1] if len(pairs) > 1 else None
-            for log_ns, sensor_ns in (*pairs[len(pairs) // 2 :], *pairs[: len(pairs) // 2]):
-                with suppress(MessageError):  # such messages are dropped, and counted, where they are used
-                    is_made = is_made_of(Pair(topic, sensor, log_ns, sensor_ns, other_ns, is_stamped))
-                    if is_made:
-                        return sensor
-                    if is_made is not None and is_stamped:
-                        break
-        return ""
-
-    def at(self, topic: str, log_ns: int) -> Any:
-        """The decoded message of a topic that was recorded at a time.
-
-        Raises:
-            MessageError: it cannot be decoded.
-        """
-        if (topic, log_ns) not in self._decoded:
-            messages = self._recording.messages([topic], start_ns=log_ns, stop_ns=log_ns + 1)
-            message = next((one for one in messages if one.channel.msgtype in self._kind), None)
-            if message is None:  # damage that hides it at the second reading
-                raise MessageError(f"{topic}: its message of log time {log_ns} ns is gone")
-            self._decoded[topic, log_ns] = self._decode(message)
-        return self._decoded[topic, log_ns]
-
-
-def _seen(recording: Recording, begin_ns: Mapping[str, int]) -> dict[str, Seen]:
-    """Some messages of topics around the time at which the last of them begins."""
-    if not 2 <= len(begin_ns) <= MAX_COMPARED:
-        return {}
-    at_ns = max(begin_ns.values())
-    found: dict[str, list[tuple[int, int]]] = {topic: [] for topic in begin_ns}
-    for message in recording.messages(begin_ns, start_ns=at_ns - LOOK_NS, stop_ns=at_ns + LOOK_NS):
-        rows = found[message.topic]
-        rows.append((message.stamp_ns, message.log_time_ns))
-        if len(rows) == ENOUGH and all(len(others) >= ENOUGH for others in found.values()):
-            break
-    times = {topic: np.array(sorted(rows), np.int64).reshape(-1, 2) for topic, rows in found.items()}
-    return {topic: Seen(rows[:, 0], rows[:, 1]) for topic, rows in times.items()}
-
-
-# --- clouds
-
-
 def cloud_sources(
     recording: Recording,
     infos: Sequence[TopicInfo],
@@ -275,8 +127,8 @@ def cloud_sources(
 ) -> dict[str, str]:
     """The topic that each topic of clouds was made of; empty for the rawest of each lidar.
 
-    Rawest are packets, then clouds with times, rings and intensities of points, in a frame below that of others, at the
-    full rate, with the most points, received first.
+    Rawest are packets, then clouds with times, rings and intensities of points, of one lidar, in a frame below that of
+    others, at the full rate, with the most points, received first.
     """
     packets = {info.topic for info in infos if info.msgtype in PACKETS}  # no node makes them
     topics, most = [info.topic for info in infos], max((info.message_count for info in infos), default=0)
@@ -288,13 +140,29 @@ def cloud_sources(
 
     contents = Contents(recording, topics, CLOUD, first, decode)
     frames = {topic: first.frame(topic, CLOUD) for topic in topics}
+    counts = {topic: math.prod(first.image_size(topic, CLOUD) or (0, 0)) for topic in topics}
 
     def rawness(topic: str) -> tuple[object, ...]:
         lacks = tuple(not one for one in _measures(topic, first))
         is_above = any(_is_above(frames[topic], frame, transforms) for frame in frames.values())
-        width, height = first.image_size(topic, CLOUD) or (0, 0)
-        order = -width * height, contents.delay_ns(topic), natural_key(topic)
-        return topic not in packets, lacks, is_above, is_rare[topic], *order
+        order = -counts[topic], contents.delay_ns(topic), natural_key(topic)
+        return topic not in packets, lacks, is_merged(topic), is_above, is_rare[topic], *order
+
+    def is_merged(topic: str) -> bool:
+        """Whether the points of a smaller cloud in another frame, of a lidar beside it, are among a topic's."""
+        frame = frames[topic]
+        beside = [
+            one
+            for one in topics
+            if counts[one] < counts[topic] and frames[one] != frame and not _is_above(frames[one], frame, transforms)
+        ]
+        for pair in (pair for pairs in contents.pairs(topic, beside).values() for pair in pairs[:1]):
+            with suppress(MessageError):
+                both, part = contents.at(topic, pair.log_ns), contents.at(pair.sensor, pair.sensor_log_ns)
+                points = _in_frame_of(part, both, transforms)
+                if _found(part.xyz, points, SAME_M) >= MIN_SAME > _found(points, part.xyz, SAME_M):
+                    return True
+        return False
 
     def is_made_of(pair: Pair) -> bool | None:
         frame, other = frames[pair.topic], frames[pair.sensor]
@@ -447,52 +315,3 @@ def _keys(points: F32 | F64, cell_m: float) -> I64:
     cells = np.clip(np.floor(points.astype(np.float64) / cell_m), -(2**19), 2**19).astype(np.int64)
     x, y, z = np.moveaxis(cells, -1, 0)
     return np.asarray((x << 42) + (y << 21) + z, np.int64)
-
-
-# --- images
-
-
-def image_sources(
-    recording: Recording,
-    ordered: Sequence[str],
-    first: FirstMessages,
-    limits: RecordingLimits,
-    *,
-    has_info: Callable[[str], bool],
-) -> dict[str, str]:
-    """The topic that each topic of images was made of; empty for the rawest of each camera.
-
-    Rawest are those with a calibration of their own, the largest, the earliest received, then in the order given.
-    `has_info`: whether a topic has a CameraInfo of its own.
-    """
-
-    def pattern(message: RawMessage) -> F64:
-        return _pattern(decode_any_image(message, limits=limits).rgb)
-
-    contents = Contents(recording, ordered, IMAGE, first, pattern)
-
-    def rawness(topic: str) -> tuple[bool, int, float]:
-        width, height = first.image_size(topic, IMAGE) or (0, 0)
-        return not has_info(topic), -width * height, contents.delay_ns(topic)
-
-    def is_made_of(pair: Pair) -> bool:
-        frame, other = first.frame(pair.topic, IMAGE), first.frame(pair.sensor, IMAGE)
-        if frame != other and (has_info(pair.topic) or (frame and other)):  # cameras that are triggered together
-            return False
-        if pair.is_stamped and has_info(pair.sensor) and not has_info(pair.topic) and frame == other != "":
-            return True
-        made, image = contents.at(pair.topic, pair.log_ns), contents.at(pair.sensor, pair.sensor_log_ns)
-        least = MIN_COPY if has_info(pair.topic) else MIN_PATTERN  # pairs of stereo cameras share a frame
-        return float((made * image).sum()) >= least
-
-    return contents.sources(sorted(ordered, key=rawness), is_made_of)
-
-
-def _pattern(rgb: Any) -> F64:
-    """(240, 320) what an image shows apart from its brightness, of unit length; zero where it shows nothing."""
-    import cv2
-
-    gray = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-    small = cv2.resize(gray, PATTERN_PX, interpolation=cv2.INTER_AREA).astype(np.float64)
-    pattern = small - cv2.blur(small, (15, 15))
-    return np.asarray(pattern / max(float(np.linalg.norm(pattern)), 1e-9), np.float64)

@@ -1,0 +1,1 @@
+"""Clouds and images that nodes made of those of sensors."""
