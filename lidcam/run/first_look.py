@@ -15,7 +15,7 @@ from itertools import islice
 import numpy as np
 
 from lidcam.pipeline.calibration.camera_error import camera_error
-from lidcam.pipeline.calibration.overlap import BoxFrame, lens_that_fits
+from lidcam.pipeline.calibration.overlap import BoxFrame, lens_that_fits, turn_that_fits
 from lidcam.pipeline.calibration.pairs import TrackedPairs, tracked_pairs
 from lidcam.pipeline.core.arrays import join_rows
 from lidcam.pipeline.core.frame import FrameResult, SensorBundle
@@ -70,9 +70,11 @@ def corrected_by_recording(source: RunInput, known: KnownBoxes, workers: int) ->
             found[name].append(pairs)
         for name, boxes in frame.detections.cameras.items() if len(frame.detections.lidar) else ():
             seen[name].append(BoxFrame(frame.detections.lidar, boxes.xyxy))
-    lenses = tuple(lens_that_fits(camera, seen[camera.name]) for camera in rig.cameras)
-    if lenses != rig.cameras:  # other pairs match: look again
-        return corrected_by_recording(replace(source, rig=replace(rig, cameras=lenses)), known, workers)
+    fitting = tuple(
+        turn_that_fits(lens_that_fits(camera, seen[camera.name]), seen[camera.name]) for camera in rig.cameras
+    )
+    if fitting != rig.cameras:  # other pairs match: look again
+        return corrected_by_recording(replace(source, rig=replace(rig, cameras=fitting)), known, workers)
     cameras = tuple(_corrected(camera, found[camera.name], source) for camera in rig.cameras)
     return replace(source, rig=replace(rig, cameras=cameras))
 

@@ -113,8 +113,8 @@ class CameraError:
         """The camera without the estimated error, as far as it exceeds its uncertainty.
 
         The error is shrunk by the James-Stein estimate of its share that is not noise (James and Stein, Estimation with
-        quadratic loss, 1961): what is no larger than its uncertainty is left alone. The fit is from the camera's pose
-        as recorded.
+        quadratic loss, 1961): what is no larger than its uncertainty is left alone. What the camera was turned by
+        before counts as corrected, too.
         """
         free = self.sigmas > 0
         surprise = self.values[free] @ np.linalg.solve(self.covariance[np.ix_(free, free)], self.values[free])
@@ -122,7 +122,7 @@ class CameraError:
         pose = replace(camera.T_camera_site, matrix=motion(values) @ camera.T_camera_site.matrix)
         direction_sigma_rad = float(max(self.sigmas[:2].max(), MIN_SIGMAS[0]))
         fit = CameraFit(
-            tuple(values.tolist()),
+            tuple((values + camera.fit.corrected).tolist()),
             direction_sigma_rad,
             float(self.sigmas[6]),
             self.habits,

@@ -1,16 +1,17 @@
 """How well objects of the lidars overlap the 2D boxes in images: shows errors that leave hardly any pairs."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
+from lidcam.pipeline.calibration.motions import motion
 from lidcam.pipeline.core.arrays import F32, F64
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.geometry.boxes import box_corners, pair_overlaps_xyxy
-from lidcam.pipeline.core.geometry.rotations import matrix_of_rpy
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.fusion.found import pairs_of_images
 
@@ -31,6 +32,29 @@ against focal lengths off by 10 % or more, or a strong distortion that the image
 """
 
 
+TURNS_DEG = tuple(product(range(-8, 9, 2), range(-6, 7, 2)))
+"""Turns to the left and downwards that a camera may be off by, degrees: objects are wide enough for such steps."""
+
+FINE_DEG = tuple(product((0, 1, -1), (0, 1, -1)))
+"""Turns that are tried about the best of them, degrees."""
+
+MIN_TURN_DEG = 2.0
+"""Minimum turn by which a camera is corrected; pairs of boxes show smaller ones better."""
+
+MAX_DOUBTFUL_FIT = 0.45
+"""Fit below which a pose is compared with others: rigs without errors have more in simulation, and less in dense
+traffic, where cameras see further than lidars."""
+
+MIN_TURNED_FIT, MIN_TURN_GAIN = 0.2, 1.15
+"""Minimum fit after a turn, and its minimum ratio to that before."""
+
+SAME_PLACE_IOU = 0.5
+"""Minimum IoU of 2D boxes in one place of the image."""
+
+MIN_MATCH, MIN_MATCHES = 0.4, 8.0
+"""Minimum IoU of a box that an object matches after a turn, and minimum number of such boxes, in different places."""
+
+
 class BoxFrame(NamedTuple):
     """The objects of the lidars in one frame, in the site frame, and the 2D boxes (M, 4) of a camera."""
 
@@ -45,8 +69,7 @@ def has_enough(frames: Sequence[BoxFrame]) -> bool:
 
 def turned_pose(camera: CameraSensor, yaw_deg: float, pitch_deg: float) -> F64:
     """(4, 4) T_camera_site of a camera turned to the left and downwards, degrees."""
-    turn = np.eye(4)
-    turn[:3, :3] = matrix_of_rpy(np.deg2rad([pitch_deg, yaw_deg, 0.0]))
+    turn = motion(np.array([*np.deg2rad([pitch_deg, yaw_deg]), 0.0, 0.0, 0.0, 0.0]))
     return np.asarray(turn @ camera.T_camera_site.matrix, np.float64)
 
 
@@ -59,6 +82,36 @@ def lens_that_fits(camera: CameraSensor, frames: Sequence[BoxFrame]) -> CameraSe
         max(BoxFit(one.model, frames)(turned_pose(one, *turn)) for turn in LENS_TURNS_DEG) for one in (camera, other)
     ]
     return other if fits[1] > MIN_LENS_GAIN * fits[0] else camera
+
+
+def turn_that_fits(camera: CameraSensor, frames: Sequence[BoxFrame]) -> CameraSensor:
+    """The camera, or the same turned by some degrees if the 2D boxes clearly fit that better: poses measured by hand.
+
+    Boxes of one place in the image, as those of a parked car, count as one. `fit.corrected` has the turn. A camera that
+    was corrected before stays.
+    """
+    if any(camera.fit.corrected) or not has_enough(frames):
+        return camera
+    fit_of = BoxFit(camera.model, frames)
+    if fit_of(camera.T_camera_site.matrix) >= MAX_DOUBTFUL_FIT:
+        return camera
+    weights = fit_of.weights()
+
+    def fit(yaw_deg: float, pitch_deg: float) -> float:
+        return float(np.average(fit_of.best(turned_pose(camera, yaw_deg, pitch_deg)), weights=weights))
+
+    coarse = max(TURNS_DEG, key=lambda turn: fit(*turn))
+    yaw_deg, pitch_deg = max(
+        ((coarse[0] + yaw_deg, coarse[1] + pitch_deg) for yaw_deg, pitch_deg in FINE_DEG), key=lambda turn: fit(*turn)
+    )
+    after = fit(yaw_deg, pitch_deg)
+    if np.hypot(yaw_deg, pitch_deg) < MIN_TURN_DEG or after < max(MIN_TURNED_FIT, MIN_TURN_GAIN * fit(0, 0)):
+        return camera
+    pose = replace(camera.T_camera_site, matrix=turned_pose(camera, yaw_deg, pitch_deg))
+    if weights[fit_of.best(pose.matrix) >= MIN_MATCH].sum() < MIN_MATCHES:
+        return camera
+    turn = (float(np.deg2rad(pitch_deg)), float(np.deg2rad(yaw_deg)), *[0.0] * 5)
+    return replace(camera, T_camera_site=pose, fit=replace(camera.fit, corrected=turn))
 
 
 class BoxFit:
@@ -82,9 +135,18 @@ class BoxFit:
 
     def __call__(self, T_camera_site: F64) -> float:
         """The mean, over the 2D boxes, of the best IoU with an object of the same frame; (4, 4) pose."""
+        return float(self.best(T_camera_site).mean())
+
+    def weights(self) -> F64:
+        """(M,) one over the number of 2D boxes, of all frames, in the place of each."""
+        iou, _ = pair_overlaps_xyxy(self._boxes[:, None], self._boxes)
+        return np.asarray(1 / np.maximum((iou >= SAME_PLACE_IOU).sum(1), 1))
+
+    def best(self, T_camera_site: F64) -> F64:
+        """(M,) best IoU of each 2D box with an object of the same frame; (4, 4) pose."""
         R, t = T_camera_site[:3, :3], T_camera_site[:3, 3]
         projected = self._model.project_boxes(np.einsum("ij,nkj->nki", R, self._corners_site) + t)
         iou, _ = pair_overlaps_xyxy(projected[self._rows3d], self._boxes[self._rows2d])
         best = np.zeros(len(self._boxes))
         np.maximum.at(best, self._rows2d, iou)
-        return float(best.mean())
+        return best

@@ -10,13 +10,10 @@ from collections.abc import Iterator, Sequence
 from itertools import product
 from typing import NamedTuple
 
-from lidcam.pipeline.calibration.overlap import BoxFit, BoxFrame, has_enough, turned_pose
+from lidcam.pipeline.calibration.overlap import MAX_DOUBTFUL_FIT, BoxFit, BoxFrame, has_enough, turned_pose
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.run.warning import RunWarning
-
-MAX_DOUBTFUL_FIT = 0.45
-"""Fit below which a pose is compared with others."""
 
 MAX_BAD_FIT = 0.15
 """Fit below which a pose is reported even if no other pose fits."""

@@ -1,6 +1,6 @@
 """Cameras are corrected by frames spread over the recording; what they do not show is left alone."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -38,24 +38,33 @@ def crossing() -> Iterator[RunInput]:
         yield RunInput(recording, RIG, Config.model_validate({"detect2d": {"method": "recorded"}}))
 
 
-def corrected(source: RunInput, frames: list[FrameResult]) -> Rig:
+def corrected(source: RunInput, frames: list[FrameResult] | Callable[..., list[FrameResult]]) -> Rig:
     with (
         patch("lidcam.pipeline.calibration.camera_error.rounded_outline", cuboids),
         patch("lidcam.run.first_look.box_source", return_value="recorded"),
-        patch("lidcam.run.first_look._looked_at", return_value=frames),
+        patch("lidcam.run.first_look._looked_at", side_effect=frames if callable(frames) else lambda *_: frames),
     ):
         return corrected_by_recording(source, KnownBoxes(), 1).rig
 
 
 @pytest.mark.parametrize(
     ("values", "turned_deg", "late_ms"),
-    [((0, 0.012, 0, 0, 0, 0, 0), 0.65, 0), ((-0.02, 0, 0, 0, 0, 0, 0.04), 1.15, 40), ((0,) * 7, 0.0, 0)],
-    ids=["turned by a little", "turned, and late", "sound"],
+    [
+        ((0, 0.012, 0, 0, 0, 0, 0), 0.65, 0),
+        ((-0.02, 0, 0, 0, 0, 0, 0.04), 1.15, 40),
+        ((0, -0.0873, 0, 0, 0, 0, 0), 5.0, 0),
+        ((0,) * 7, 0.0, 0),
+    ],
+    ids=["turned by a little", "turned, and late", "turned by much", "sound"],
 )
 def test_direction_and_clock_are_corrected(
     crossing: RunInput, values: tuple[float, ...], turned_deg: float, late_ms: float
 ) -> None:
-    rig = corrected(crossing, passing(values, noise=0.5))
+    def looked_at(source: RunInput, *_: object) -> list[FrameResult]:
+        [camera] = source.rig.cameras
+        return passing(np.subtract(values, camera.fit.corrected), noise=0.5, camera=camera)
+
+    rig = corrected(crossing, looked_at)
     [camera] = rig.cameras
     turn = camera.T_camera_site.matrix @ np.linalg.inv(CAMERA.T_camera_site.matrix)
     np.testing.assert_allclose([turn[2, 1], turn[0, 2]], values[:2], atol=0.07 * DEGREE)

@@ -1,0 +1,76 @@
+"""A camera whose pose is off by degrees is turned to where its 2D boxes fit; one that fits, or shows little, stays."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from detections import boxes3d, forward_camera
+
+from lidcam.pipeline.calibration.overlap import BoxFrame, turn_that_fits, turned_pose
+from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.rig import CameraFit, CameraSensor
+
+CAMERA = forward_camera("front")
+CAR = (4.2, 1.8, 1.5)
+
+
+def cars(number: int, count: int = 8) -> F64:
+    """(N, 7) boxes of cars ahead."""
+    random = np.random.default_rng(number)
+    place = random.uniform((14, -12, -0.9, -3), (40, 12, -0.8, 3), (count, 4))
+    return np.asarray(np.c_[place[:, :3], np.tile(CAR, (count, 1)), place[:, 3]])
+
+
+def seen(rows: F64, *, beyond: int = 0) -> BoxFrame:
+    """The cars and their 2D boxes, of which the lidars miss those `beyond`."""
+    found = boxes3d(rows)
+    corners = box_corners(found.centers, found.sizes, found.yaws)
+    xyxy = CAMERA.model.project_boxes(np.asarray(CAMERA.T_camera_site.apply(corners), np.float64))
+    return BoxFrame(found.select(np.arange(len(rows)) >= beyond), xyxy[np.isfinite(xyxy).all(1)].astype(np.float32))
+
+
+def turned(yaw_deg: float, pitch_deg: float) -> CameraSensor:
+    pose = replace(CAMERA.T_camera_site, matrix=turned_pose(CAMERA, yaw_deg, pitch_deg))
+    return replace(CAMERA, T_camera_site=pose)
+
+
+def angle_deg(first: CameraSensor, second: CameraSensor) -> float:
+    turn = first.T_camera_site.matrix[:3, :3] @ second.T_camera_site.matrix[:3, :3].T
+    return float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))))
+
+
+FRAMES = [seen(cars(number)) for number in range(10)]
+
+
+@pytest.mark.parametrize(("yaw_deg", "pitch_deg"), [(4.3, 0), (-6, 1), (0, -4), (7.4, 5)])
+@pytest.mark.parametrize("beyond", [0, 4], ids=["all by lidars", "half"])
+def test_a_camera_that_is_off_by_degrees_is_turned(yaw_deg: float, pitch_deg: float, beyond: int) -> None:
+    calibrated = turned(yaw_deg, pitch_deg)
+    frames = [seen(cars(number), beyond=beyond) for number in range(10)]
+    camera = turn_that_fits(calibrated, frames)
+    assert angle_deg(camera, CAMERA) < 0.9
+    np.testing.assert_allclose(np.degrees(camera.fit.corrected[:2]), [-pitch_deg, -yaw_deg], atol=0.8)
+    assert turn_that_fits(camera, frames) is camera
+
+
+SPARSE = [seen(cars(number), beyond=7) for number in range(10)]
+STILL = [seen(cars(0, 3))] * 10
+
+
+@pytest.mark.parametrize(
+    ("camera", "frames"),
+    [
+        pytest.param(CAMERA, FRAMES, id="sound"),
+        pytest.param(turned(1, 0), FRAMES, id="off by a degree, which pairs show"),
+        pytest.param(turned(30, 0), FRAMES, id="off by more than a hand-made pose"),
+        pytest.param(turned(5, 0), FRAMES[:4], id="few frames"),
+        pytest.param(turned(5, 0), STILL, id="three parked cars"),
+        pytest.param(turned(5, 0), [], id="none"),
+        pytest.param(CAMERA, SPARSE, id="most cars beyond the lidars"),
+        pytest.param(replace(turned(5, 0), fit=CameraFit(corrected=(0.0, 0.1, *[0.0] * 5))), FRAMES, id="corrected"),
+    ],
+)
+def test_others_stay(camera: CameraSensor, frames: Sequence[BoxFrame]) -> None:
+    assert turn_that_fits(camera, frames) is camera
