@@ -80,7 +80,7 @@ MAX_LINES = {
     "readers/messages": (3250, 2500),
     "readers/ouster": (460, 260),
     "readers/results": (510, 290),
-    "readers/rig": (3400, 2200),
+    "readers/rig": (3420, 2220),
     "readers/streams": (1170, 890),
     "readers/truth": (1420, 1120),
     "readers/velodyne": (920, 460),

@@ -12,6 +12,8 @@ single camera.
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from itertools import islice, pairwise
+from statistics import median
 from typing import NamedTuple
 
 from lidcam.pipeline.core.geometry.transform_tree import TransformTree
@@ -49,6 +51,9 @@ OPTICAL = "optical", "optical_frame"
 
 MANY = 10
 """Messages of a topic, beside which a single one of another topic is no sensor's."""
+
+MAX_RATE_HZ = 40.0
+"""Maximum rate of whole sweeps; lidars turn up to 30 times per second."""
 
 DEPTH_ENCODINGS = frozenset({"16UC1", "32FC1", "32SC1"})
 
@@ -127,6 +132,7 @@ def find_lidar_topics(
         for info in infos
         if info.gathered_from
     ]
+    notes += filter(None, (_piece_note(recording, info) for info in infos))
     excluded = config.exclude
     others = (one for one in recording.topics if not any(fnmatchcase(one.topic, name) for name in excluded))
     notes += undecoded(recording, others)
@@ -139,6 +145,21 @@ def find_lidar_topics(
         if source and not transforms.are_joined(first.frame(topic, CLOUD), first.frame(source, CLOUD)):
             sources[topic] += ", or of a lidar that no transform joins with it"
     return _sensors(sources, "lidars", notes, of_rig, was_choice=len(notes) > before)
+
+
+def _piece_note(recording: Recording, info: TopicInfo) -> str:
+    """The note on clouds that are pieces of sweeps, by their rate; empty for whole ones."""
+    span_s = max(recording.end_ns - recording.start_ns, 1) * 1e-9
+    if info.gathered_from or info.message_count <= MANY or info.message_count / span_s < MAX_RATE_HZ:
+        return ""
+    stamps_ns = sorted(message.stamp_ns for message in islice(recording.messages([info.topic]), MANY))
+    period_s = median([after - before for before, after in pairwise(stamps_ns)] or [0]) * 1e-9  # log times may be odd
+    if not 0 < period_s < 1 / MAX_RATE_HZ:
+        return ""
+    return (
+        f"{info.topic}: {1 / period_s:.0f} clouds per second, so each is a piece of a sweep; objects are found in "
+        "whole sweeps: let the driver publish 10 or 20 per second"
+    )
 
 
 def find_camera_topics(

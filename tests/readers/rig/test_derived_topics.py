@@ -1,5 +1,6 @@
 """What was made of other topics is used only where these were not recorded."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import pytest
@@ -69,6 +70,23 @@ def test_the_settings_have_the_last_word() -> None:
     assert {lidar.topic for lidar in found.rig.lidars} == {"/lidar", "/point_cloud_combined"}
     with pytest.raises(RecordingError, match=r"topics\.exclude"):
         discover([FUSED], exclude=["/point_cloud_combined"])
+
+
+@pytest.mark.parametrize(
+    ("stamps_ms", "log_ms", "note"),
+    [
+        (range(0, 1000, 10), range(0, 1000, 10), "/points: 100 clouds per second, so each is a piece of a sweep"),
+        (range(0, 1000, 33), range(0, 1000, 33), ""),  # lidars turn as fast as that
+        (range(0, 2000, 100), range(20), ""),  # a converter wrote log times of its own
+        ([0] * 100, range(0, 1000, 10), ""),  # without stamps
+        (range(0, 100, 10), range(0, 100, 10), ""),  # too few to tell
+    ],
+)
+def test_clouds_that_are_pieces_of_sweeps_are_told(stamps_ms: Iterable[int], log_ms: Iterable[int], note: str) -> None:
+    one = cloud()
+    times = [(10**18 + stamp * 10**6, 10**18 + log * 10**6) for stamp, log in zip(stamps_ms, log_ms, strict=True)]
+    found = discover([one._replace(stamp_ns=stamp_ns, log_time_ns=log_ns) for stamp_ns, log_ns in times])
+    assert [text.split(";")[0] for text in found.notes] == [note] * bool(note)
 
 
 def test_an_empty_list_of_topics_is_none_and_null_is_all() -> None:
