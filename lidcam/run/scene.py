@@ -268,7 +268,7 @@ def level_site(recording: Recording, config: Config, rig_file: RigFile | None, f
 
 
 def _turning_up_to(up: F64) -> tuple[float, float, float, float]:
-    """The quaternion (x, y, z, w) that turns the z axis to a unit vector; to one that points down about x first."""
+    """The quaternion (x, y, z, w) that turns the z axis to a unit vector; one that points down by half a turn first."""
     half_way = np.array([0.0, 0.0, 1.0]) + (up if up[2] >= 0 else up * TURNED_OVER)
     x, y, _, w = (np.append(np.cross([0.0, 0.0, 1.0], half_way), half_way[2]) / np.linalg.norm(half_way)).tolist()
     return (x, y, 0.0, w) if up[2] >= 0 else (w, 0.0, y, -x)

@@ -139,8 +139,9 @@ class BoxFit:
 
     def weights(self) -> F64:
         """(M,) one over the number of 2D boxes, of all frames, in the place of each."""
-        iou, _ = pair_overlaps_xyxy(self._boxes[:, None], self._boxes)
-        return np.asarray(1 / np.maximum((iou >= SAME_PLACE_IOU).sum(1), 1))
+        # Box by box: a table of thousands of boxes of crowded images would take gigabytes.
+        counts = [(pair_overlaps_xyxy(box, self._boxes)[0] >= SAME_PLACE_IOU).sum() for box in self._boxes]
+        return np.asarray(1 / np.maximum(counts, 1))
 
     def best(self, T_camera_site: F64) -> F64:
         """(M,) best IoU of each 2D box with an object of the same frame; (4, 4) pose."""

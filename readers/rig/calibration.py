@@ -202,7 +202,7 @@ class Lens(NamedTuple):
 def camera_frame(camera: AssignedCamera, frames: Frames, first: FirstMessages) -> str:
     """The frame of a camera: as the rig file says, else CameraInfo, its images or its boxes; empty if none does.
 
-    Where tf has none of the first of them that names a frame, but of a later one, it is that.
+    A frame that tf lacks gives way to the first of the others that tf joins with the site frame.
     """
     topics, of_rig = camera.topics, clean_frame(camera.entry.frame_id)
     kinds = (topics.info, CAMERA_INFO), (topics.image, IMAGE), (topics.boxes, BOXES)
