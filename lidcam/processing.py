@@ -37,7 +37,7 @@ from lidcam.run.box_sources import KnownBoxes, box_source, boxes_2d_words, check
 from lidcam.run.build import build_graph, decided, shared_results
 from lidcam.run.choice import use_settings
 from lidcam.run.effect import named_files, settings_sha256
-from lidcam.run.first_look import corrected_by_recording, with_lenses
+from lidcam.run.first_look import corrected_by_recording, with_agreeing_lidars, with_corrections
 from lidcam.run.frame import Frame
 from lidcam.run.frames import (
     RunInput,
@@ -179,16 +179,17 @@ class Run:
         reference_topic(source.config, source.rig)
         known = KnownBoxes()
         self._workers = _workers(source)
+        source = with_agreeing_lidars(source)
         source = corrected_by_recording(source, known, self._workers)
         first_look_s = time.perf_counter() - started
-        self.source, self.found = source, with_lenses(found, source.rig)
+        self.source, self.found = source, with_corrections(found, source.rig)
         self._drops, self._tally, self._stats = drops, Tally(source.config, source.rig), SyncStats()
         self._passed, self._detections, self._log_time_ns = 0, 0, source.recording.start_ns
         self._clocks = sensor_clocks(source.rig, source.motion, drops)
         self._checks = (
             LidarCheck(source.rig),
             CameraCheck(source.rig),
-            CalibrationCheck(source.rig, source.config),
+            CalibrationCheck(source.rig, source.config, source.compared),
             ObjectCheck(
                 source.recording,
                 source.rig,

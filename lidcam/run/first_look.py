@@ -1,6 +1,7 @@
-"""The first look: errors of the cameras, from frames spread over the recording, before the run.
+"""The first look: errors of the lidars and the cameras, from frames spread over the recording, before the run.
 
-Boxes of the lidars alone and the 2D boxes that match them show where a camera looks and when it took its images
+Surfaces that two lidars see show how well they agree (`lidcam.pipeline.calibration.lidar_poses`). Boxes of the lidars
+alone and the 2D boxes that match them show where a camera looks and when it took its images
 (`lidcam.pipeline.calibration.camera_error`). Short stretches are enough: a camera keeps its error, and frames that
 follow each other show the same objects.
 """
@@ -13,20 +14,25 @@ from functools import partial
 from itertools import islice
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.calibration.camera_error import camera_error
+from lidcam.pipeline.calibration.lidar_poses import compared_lidars
 from lidcam.pipeline.calibration.overlap import BoxFrame, lens_that_fits, turn_that_fits
 from lidcam.pipeline.calibration.pairs import TrackedPairs, tracked_pairs
-from lidcam.pipeline.core.arrays import join_rows
+from lidcam.pipeline.core.arrays import F64, join_rows
 from lidcam.pipeline.core.frame import FrameResult, SensorBundle
-from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.parallel.process import copied_workers
+from lidcam.pipeline.stages.combine import Combine
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.pipeline.tracking.trackers import object_tracker
 from lidcam.readers.rig.discovery import Discovery
+from lidcam.readers.streams.decoders import CloudDecoder
 from lidcam.run.box_sources import KnownBoxes, box_source
 from lidcam.run.build import build_graph, decided, shared_results
 from lidcam.run.frames import RunInput, TimeWindow, bundles, expected_frames, sensor_clocks
+from lidcam.run.scene import looks
 from lidcam.run.tally import DropTable
 
 STRETCH_FRAMES = 3
@@ -38,6 +44,9 @@ MAX_STRETCHES = 20
 MAX_SHARE = 1 / 3
 """Maximum share of the frames that are looked at, of more than one stretch."""
 
+MAX_APART_NS = 2_000_000
+"""Maximum time between clouds that are compared where the rig's motion is unknown: 4 cm at 20 m/s."""
+
 BY_P = "P of its CameraInfo (no distortion)"
 """Source of the intrinsics of a camera whose images turned out to be rectified."""
 
@@ -46,6 +55,39 @@ BY_P_NOTE = "P of its CameraInfo is used, without distortion: it fits the 2D box
 
 FREE = np.array([True, True, True, False, False, False, True])
 """Values that are corrected: direction and clock. A wrong place of a camera looks much like a habit of its detector."""
+
+
+def with_agreeing_lidars(source: RunInput) -> RunInput:
+    """The source with its lidars compared and moved so that they agree, unless the settings keep them as recorded."""
+    rig = source.rig
+    if len(rig.lidars) < 2:
+        return source
+    compared = compared_lidars(rig.lidars, rig.site_frame, [*_compared_clouds(source)])
+    is_used = compared.agreeing and source.config.fuse.calibration != "recorded"
+    lidars = compared.agreeing if is_used else rig.lidars
+    return replace(source, rig=replace(rig, lidars=lidars), compared=compared)
+
+
+def _compared_clouds(source: RunInput) -> Iterator[list[F64]]:
+    """The points (N, 3) of each lidar in the site frame at some times of the recording.
+
+    Left out is where the rig moves, or may move, between the clouds and nobody knows how.
+    """
+    config, rig, drops = source.config, source.rig, DropTable("skip")
+    off = {one: getattr(config.combine, one).model_copy(update={"enabled": False}) for one in ("outliers", "ground")}
+    decode, combine = CloudDecoder(rig, config, on_bad="skip"), Combine(rig, config.combine.model_copy(update=off))
+    for begin_ns in looks(source.recording):
+        stretch = replace(source, window=replace(source.window, start_ns=begin_ns), copied=(), drawn=())
+        seen = bundles(stretch, drops, SyncStats(), sensor_clocks(rig, source.motion, drops))
+        found = [(bundle, decode(bundle)) for bundle in islice(seen, STRETCH_FRAMES)]
+        if not found:
+            continue
+        bundle, clouds = max(found, key=lambda one: len(one[1]))
+        combined = combine(bundle, clouds)
+        is_known = len(combined.compensated) == len(clouds) or not source.settings.moves
+        if is_known or np.ptp([cloud.stamp_ns for cloud in clouds.values()]) <= MAX_APART_NS:
+            xyz = combined.detection_cloud.xyz.astype(np.float64)
+            yield [xyz[combined.detection_lidar_index == row] for row in range(len(rig.lidars))]
 
 
 def corrected_by_recording(source: RunInput, known: KnownBoxes, workers: int) -> RunInput:
@@ -79,18 +121,30 @@ def corrected_by_recording(source: RunInput, known: KnownBoxes, workers: int) ->
     return replace(source, rig=replace(rig, cameras=cameras))
 
 
-def with_lenses(found: Discovery, rig: Rig) -> Discovery:
-    """A discovery with the intrinsics that the recording showed to be right, and a note on each.
+def with_corrections(found: Discovery, rig: Rig) -> Discovery:
+    """A discovery with the intrinsics that the recording showed to be right, and notes on these and on moved lidars.
 
     Args:
         found: How the sensors were found.
-        rig: The same rig after `corrected_by_recording`.
+        rig: The same rig after the first look.
     """
+    moved = ", ".join(filter(None, map(_moved_text, found.rig.lidars, rig.lidars)))
     pairs = zip(found.rig.cameras, rig.cameras, strict=True)
     changed = {used.name for camera, used in pairs if camera.rectified is not None and used.rectified is None}
     sources = [replace(one, intrinsics=BY_P) if one.sensor in changed else one for one in found.sources]
     notes = [f"{camera.name}: {BY_P_NOTE}" for camera in rig.cameras if camera.name in changed]
+    if moved:
+        notes.insert(0, f"lidars moved so that they agree: {moved} (--set fuse.calibration=recorded: as recorded)")
     return replace(found, sources=tuple(sources), notes=(*found.notes, *notes))
+
+
+def _moved_text(recorded: LidarSensor, used: LidarSensor) -> str:
+    """How far a lidar was moved; empty where that is less than the figures show."""
+    step = used.T_site_lidar.matrix @ np.linalg.inv(recorded.T_site_lidar.matrix)
+    way_m = np.linalg.norm(used.T_site_lidar.translation - recorded.T_site_lidar.translation)
+    turn_deg = np.degrees(Rotation.from_matrix(step[:3, :3]).magnitude())
+    figures = f"{way_m:.2f} m and {turn_deg:.2f} degrees"
+    return f"{used.name} by {figures}" if figures != "0.00 m and 0.00 degrees" else ""
 
 
 def _corrected(camera: CameraSensor, found: list[TrackedPairs], source: RunInput) -> CameraSensor:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
+from lidcam.pipeline.calibration.lidar_poses import NOT_COMPARED, ComparedLidars
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.geometry.transform import Transform
@@ -66,6 +67,7 @@ class RunInput:
         drawn: Those of them that are drawn with the results: ground-truth boxes.
         truth_frames: T_site_frame of the fixed frames of the ground truth, beside those of the sensors.
         given: Functions of the caller that find boxes.
+        compared: How well the lidars agree.
     """
 
     recording: Recording
@@ -78,6 +80,7 @@ class RunInput:
     drawn: tuple[str, ...] = ()
     truth_frames: tuple[Transform, ...] = ()
     given: GivenDetectors = LIDCAMS_OWN
+    compared: ComparedLidars = NOT_COMPARED
 
 
 def sensor_clocks(rig: Rig, motion: MotionSource | None, drops: DropTable) -> Clocks:

@@ -110,10 +110,10 @@ def clouds_show_motion(recording: Recording, rig: Rig, config: Config) -> bool:
     """Whether the clouds of the first lidar show that the rig moves, at the beginning or later."""
     if not rig.lidars:
         return False
-    return any(_moves(recording, rig, config, begin_ns) for begin_ns in _looks(recording))
+    return any(_moves(recording, rig, config, begin_ns) for begin_ns in looks(recording))
 
 
-def _looks(recording: Recording) -> list[int]:
+def looks(recording: Recording) -> list[int]:
     """The log times at which the clouds are looked at."""
     span_ns = max(recording.end_ns - recording.start_ns, 0)
     return sorted({recording.start_ns + round(share * span_ns) for share in LOOKS})
@@ -143,10 +143,10 @@ def _is_dead(recording: Recording, rig: Rig, config: Config, topic: str) -> bool
     """Whether the poses of an odometry never change, though the clouds show motion; not without lidars."""
     if not rig.lidars:
         return False
-    looks = [(begin_ns, _poses(recording, topic, config, begin_ns)) for begin_ns in _looks(recording)]
-    if any(len(poses) and np.ptp(poses, axis=0).max() > STILL for _, poses in looks):
+    seen = [(begin_ns, _poses(recording, topic, config, begin_ns)) for begin_ns in looks(recording)]
+    if any(len(poses) and np.ptp(poses, axis=0).max() > STILL for _, poses in seen):
         return False
-    return any(len(poses) > 1 and _moves(recording, rig, config, begin_ns) for begin_ns, poses in looks)
+    return any(len(poses) > 1 and _moves(recording, rig, config, begin_ns) for begin_ns, poses in seen)
 
 
 def _poses(recording: Recording, topic: str, config: Config, begin_ns: int) -> F64:
@@ -277,7 +277,7 @@ def _turning_up_to(up: F64) -> tuple[float, float, float, float]:
 def _up(recording: Recording, rig: Rig, lidar: LidarSensor, config: Config) -> F64 | None:
     """(3,) normal of the ground in the lidar's frame if that is tilted, alike at all times; else None."""
     normals: list[F64] = []
-    for begin_ns in _looks(recording):
+    for begin_ns in looks(recording):
         cloud = _first_cloud(recording, rig, lidar, config, begin_ns)
         if cloud is None:
             continue

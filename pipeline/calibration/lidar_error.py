@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidcam.pipeline.calibration.motions import cluster_covariance
-from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.arrays import F64, I64, Bools
 from lidcam.pipeline.core.geometry.rotations import turned
 
 MAX_POINTS = 1500
@@ -57,6 +57,12 @@ HUBER = 1.5
 STEPS = 5
 """Number of Gauss-Newton steps."""
 
+SIGNIFICANT_SIGMAS = 4.0
+"""Minimum size of a significant error, in its standard deviations."""
+
+MIN_ERROR = np.array([*np.radians([0.3, 0.3, 0.3]), 0.03, 0.03, 0.03])
+"""Minimum size of a large error: radians, metres."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LidarError:
@@ -65,8 +71,23 @@ class LidarError:
     # (6,) float64: rotation about the axes of the site frame, through the lidar (radians), and translation along them
     # (metres), that moves its points onto the other's surfaces
     values: F64
-    sigmas: F64  # (6,) float64, standard deviations
+    covariance: F64  # (6, 6) float64
     matches: int  # Number of points on common planes
+
+    @property
+    def sigmas(self) -> F64:
+        """(6,) standard deviations."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def significant(self) -> Bools:
+        """(6,) values that are significant."""
+        return np.asarray(np.abs(self.values) > SIGNIFICANT_SIGMAS * self.sigmas)
+
+    @property
+    def large(self) -> Bools:
+        """(6,) values that are significant and large enough to warn of."""
+        return self.significant & (np.abs(self.values) > MIN_ERROR)
 
 
 def lidar_error(frames: Sequence[tuple[F64, F64]], origin_site: F64) -> LidarError | None:
@@ -99,7 +120,7 @@ def lidar_error(frames: Sequence[tuple[F64, F64]], origin_site: F64) -> LidarErr
         values = values + np.linalg.solve(normal, slopes.T @ (weights * residuals) - prior * values)
     information = _plane_information(normal - np.diag(prior), tilted, weights) + np.diag(prior)
     covariance = cluster_covariance(slopes * (weights * residuals)[:, None], cells, information, prior)
-    return LidarError(values, np.hypot(np.sqrt(np.diag(covariance)), MIN_SIGMAS), len(residuals))
+    return LidarError(values, covariance + np.diag(MIN_SIGMAS**2), len(residuals))
 
 
 def _plane_information(found: F64, tilted: F64, weights: F64) -> F64:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from lidcam.checks.calibration.first_clouds import FirstClouds
+from lidcam.pipeline.calibration.lidar_poses import NOT_COMPARED, ComparedLidars
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig
@@ -13,11 +14,11 @@ from lidcam.run.warning import RunWarning
 class CalibrationCheck:
     """Checks the poses and clocks of lidars and cameras over a run."""
 
-    def __init__(self, rig: Rig, config: Config) -> None:
+    def __init__(self, rig: Rig, config: Config, compared: ComparedLidars = NOT_COMPARED) -> None:
         # Imported here: `lidcam inspect` needs the first clouds alone, and not what is compiled.
         from lidcam.checks.calibration.rig_check import RigCheck
 
-        self._first_clouds, self._rig_check = FirstClouds(rig, config), RigCheck(rig, config)
+        self._first_clouds, self._rig_check = FirstClouds(rig, config), RigCheck(rig, config, compared)
 
     def add_frame(self, frame: FrameResult) -> None:
         """Add one frame."""

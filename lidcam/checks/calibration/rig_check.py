@@ -6,28 +6,23 @@ lidar is judged by the surfaces that another lidar sees, too. An error is report
 to matter: recordings without any error show a little of everything.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property, partial
-from itertools import combinations
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from lidcam.checks.calibration.coarse_pose import coarse_pose_warning
 from lidcam.pipeline.calibration.camera_error import CameraError, camera_error
-from lidcam.pipeline.calibration.lidar_error import LidarError, lidar_error
+from lidcam.pipeline.calibration.lidar_poses import NOT_COMPARED, ComparedLidars, LidarPair
 from lidcam.pipeline.calibration.motions import motion
 from lidcam.pipeline.calibration.overlap import BoxFrame
 from lidcam.pipeline.calibration.pairs import TrackedPairs, tracked_pairs
 from lidcam.pipeline.core.arrays import F64, Bools, join_rows
-from lidcam.pipeline.core.clouds import CombinedCloud
-from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.frame import FrameResult
-from lidcam.pipeline.core.geometry.regions import points_in_footprints
-from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.core.tracks import NO_TRACK
 from lidcam.run.warning import RunWarning
 
 T = TypeVar("T")
@@ -37,9 +32,6 @@ MAX_PAIR_FRAMES = 400
 
 MAX_BOX_FRAMES = 32
 """Maximum number of frames whose boxes are kept per camera to compare poses, spread over the run."""
-
-MAX_CLOUDS = 2
-"""Maximum number of frames whose clouds are kept, spread over the run."""
 
 MIN_SIGMAS = 4.0
 """Minimum size of a reported error, in its standard deviations."""
@@ -59,16 +51,9 @@ MANY_PAIRS = 60
 FEW_PAIRS_FACTOR = 3.0
 """Factor on the limits of cameras with fewer pairs."""
 
-MIN_LIDAR_ERROR = np.array([*np.radians([0.3, 0.3, 0.3]), 0.03, 0.03, 0.03])
-"""Minimum size of a reported lidar error: radians, metres."""
-
-MAX_STANDING_SPEED = 0.1
-"""Maximum speed of a standing object, in its lengths per second."""
-
-MOVING_MARGIN = 1.3
-"""Scale of the length and width of a moving box; the points in it are left out."""
-
 REMEDY = "check it with `lidcam inspect --check`, or recalibrate it"
+
+MOVED_REMEDY = f"this run moves lidars so that they agree; {REMEDY}"
 
 CORRECTED_REMEDY = f"this run corrects direction and clock; {REMEDY}"
 
@@ -128,39 +113,6 @@ class CameraVerdict(NamedTuple):
         return replace(self.camera, T_camera_site=pose, time_offset_ns=offset_ns)
 
 
-class LidarVerdict(NamedTuple):
-    """The verdict on two lidars."""
-
-    first: LidarSensor  # The reference
-    second: LidarSensor  # The lidar that is judged
-    error: LidarError | None  # The error of the second; None if they see too little in common
-    significant: Bools  # (6,) values of the error that are reported
-
-    @property
-    def warning(self) -> RunWarning | None:
-        """The warning of two lidars that disagree."""
-        if self.error is None or not self.significant.any():
-            return None
-        values, sigmas = self.error.values * SCALES[:6], self.error.sigmas * SCALES[:6]
-        parts = [
-            f"{_figure(values[row], sigmas[row], 'degrees' if row < 3 else 'm')} {_AXES[row]}"
-            for row in np.flatnonzero(self.significant)
-        ]
-        finding = f"what it sees lies beside what {self.first.name} sees, by {' and '.join(parts)}: one of them is off"
-        return RunWarning(self.second.name, finding, REMEDY)
-
-    @property
-    def corrected(self) -> LidarSensor:
-        """The second lidar without its error, if that is significant."""
-        if self.error is None or not self.significant.any():
-            return self.second
-        pose, step = self.second.T_site_lidar, motion(self.error.values)
-        matrix = pose.matrix.copy()
-        matrix[:3, :3] = step[:3, :3] @ matrix[:3, :3]
-        matrix[:3, 3] += step[:3, 3]
-        return replace(self.second, T_site_lidar=replace(pose, matrix=matrix))
-
-
 class EvenSample(Generic[T]):
     """At most `max_items` items of a long run, spread evenly over it: beyond, every second one is discarded."""
 
@@ -183,11 +135,10 @@ class EvenSample(Generic[T]):
 class RigCheck:
     """Gathers evidence about the rig over a run, and judges it at the end."""
 
-    def __init__(self, rig: Rig, config: Config) -> None:
-        self._rig, self._config = rig, config
+    def __init__(self, rig: Rig, config: Config, compared: ComparedLidars = NOT_COMPARED) -> None:
+        self._rig, self._config, self._compared = rig, config, compared
         self._pairs = {camera.name: EvenSample[TrackedPairs](MAX_PAIR_FRAMES) for camera in rig.cameras}
         self._boxes = {camera.name: EvenSample[BoxFrame](MAX_BOX_FRAMES) for camera in rig.cameras}
-        self._clouds = EvenSample[tuple[CombinedCloud, Boxes3D]](MAX_CLOUDS)
 
     def add_frame(self, frame: FrameResult) -> None:
         """Add the evidence of one frame; a frame without one of the lidars does not count against a camera."""
@@ -199,8 +150,6 @@ class RigCheck:
             found = frame.detections.cameras.get(name)
             if found and len(frame.detections.lidar):
                 sample.add(BoxFrame(frame.detections.lidar, found.xyxy))
-        if len(self._rig.lidars) > 1 and len(frame.combined.points_by_lidar) == len(self._rig.lidars):
-            self._clouds.add((frame.combined, _moving_objects(frame)))
 
     @cached_property
     def cameras(self) -> tuple[CameraVerdict, ...]:
@@ -233,48 +182,39 @@ class RigCheck:
         error = replace(error, values=corrected * (error.sigmas > 0) + error.values)
         return CameraVerdict(camera, *counts, error, significant, None)
 
-    @cached_property
-    def lidars(self) -> tuple[LidarVerdict, ...]:
-        """The verdict on each two lidars, after the last frame.
-
-        Among three or more, the lidar that disagrees with several is the one that is wrong: it becomes the second.
-        """
-        lidars = range(len(self._rig.lidars))
-        clouds = [_standing_points(*kept, len(lidars)) for kept in self._clouds] if len(lidars) > 1 else []
-        found = {pair: self._lidar_verdict(clouds, *pair) for pair in combinations(lidars, 2)}
-        wrong = [pair for pair, verdict in found.items() if verdict.significant.any()]
-        for row in {*lidars}.intersection(*wrong) if len(wrong) > 1 else ():
-            for pair in [pair for pair in wrong if pair[0] == row]:
-                found[pair] = self._lidar_verdict(clouds, pair[1], row)
-        return tuple(found.values())
-
-    def _lidar_verdict(self, clouds: Sequence[Sequence[F64]], first: int, second: int) -> LidarVerdict:
-        lidars, frames = self._rig.lidars, [(by_lidar[first], by_lidar[second]) for by_lidar in clouds]
-        error = lidar_error(frames, lidars[second].T_site_lidar.translation)
-        none = np.zeros(6, np.bool_)
-        significant = none if error is None else _significant(error.values, error.sigmas, MIN_LIDAR_ERROR)
-        return LidarVerdict(lidars[first], lidars[second], error, significant)
+    @property
+    def lidars(self) -> tuple[LidarPair, ...]:
+        """Any two lidars."""
+        return self._compared.pairs
 
     @property
     def warnings(self) -> tuple[RunWarning, ...]:
         """One for each two lidars, and for each camera, with an error."""
-        found = [*(lidars.warning for lidars in self.lidars), *(camera.warning for camera in self.cameras)]
+        found = [*map(self._lidar_warning, self.lidars), *(camera.warning for camera in self.cameras)]
         return tuple(warning for warning in found if warning is not None)
+
+    def _lidar_warning(self, pair: LidarPair) -> RunWarning | None:
+        """The warning of two lidars that disagree."""
+        if pair.error is None or not pair.error.large.any():
+            return None
+        values, sigmas = pair.error.values * SCALES[:6], pair.error.sigmas * SCALES[:6]
+        parts = [
+            f"{_figure(values[row], sigmas[row], 'degrees' if row < 3 else 'm')} {_AXES[row]}"
+            for row in np.flatnonzero(pair.error.large)
+        ]
+        finding = f"what it sees lies beside what {pair.first.name} sees, by {' and '.join(parts)}"
+        is_moved = self._config.fuse.calibration != "recorded"
+        return RunWarning(pair.second.name, finding, MOVED_REMEDY if is_moved else REMEDY)
 
     @property
     def correction_count(self) -> int:
         """Number of sensors that `corrected` changes."""
-        significant = [*(one.significant for one in self.cameras), *(one.significant for one in self.lidars)]
-        return sum(bool(values.any()) for values in significant)
+        return sum(bool(one.significant.any()) for one in self.cameras) + len(self._compared.agreeing)
 
     def corrected(self) -> Rig:
-        """The rig without its significant errors; of two lidars that disagree, the second is moved."""
-        lidars = {lidar.name: lidar for lidar in self._rig.lidars}
-        for verdict in self.lidars:
-            if lidars[verdict.second.name] is verdict.second:
-                lidars[verdict.second.name] = verdict.corrected
+        """The rig without its significant errors: lidars that disagree are moved so that all agree."""
         cameras = tuple(verdict.corrected for verdict in self.cameras)
-        return replace(self._rig, cameras=cameras, lidars=tuple(lidars.values()))
+        return replace(self._rig, cameras=cameras, lidars=self._compared.agreeing or self._rig.lidars)
 
 
 def _holds_in_halves(
@@ -295,23 +235,3 @@ def _significant(values: F64, sigmas: F64, min_error: F64) -> Bools:
 def _figure(value: float, sigma: float, unit: str) -> str:
     digits = 0 if unit == "ms" else 2
     return f"{abs(value):.{digits}f} ± {sigma:.{digits}f} {unit}"
-
-
-def _moving_objects(frame: FrameResult) -> Boxes3D:
-    """The objects of a frame that are not known to stand."""
-    objects, tracks = frame.fused.objects, frame.fused.tracks
-    if tracks is None:
-        return objects
-    return objects.select(~((tracks.ids != NO_TRACK) & (tracks.speeds < MAX_STANDING_SPEED * objects.sizes[:, 0])))
-
-
-def _standing_points(combined: CombinedCloud, moving: Boxes3D, lidar_count: int) -> list[F64]:
-    """The points (N, 3) of each lidar in the site frame, without those of moving objects."""
-    parts = [(combined.detection_cloud.xyz, combined.detection_lidar_index)]
-    if combined.ground_lidar_index is not None:
-        parts.append((combined.ground_cloud.xyz, combined.ground_lidar_index))
-    xyz, index = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    inside, _ = points_in_footprints(xyz, moving.centers[:, :2], moving.sizes[:, :2] * MOVING_MARGIN, moving.yaws)
-    stands = np.ones(len(xyz), np.bool_)
-    stands[inside] = False
-    return [xyz[stands & (index == lidar)].astype(np.float64) for lidar in range(lidar_count)]

@@ -34,7 +34,7 @@ class CheckedRun(ShownProgress):
 
     def opened(self, source: RunInput) -> None:
         """Begin with the rig of the recording."""
-        self.check = RigCheck(source.rig, source.config)
+        self.check = RigCheck(source.rig, source.config, source.compared)
         super().opened(source)
 
     def frame(self, result: Frame) -> None:
@@ -52,10 +52,11 @@ def print_check(out: Console, check: RigCheck) -> None:
     lidars = ColumnsTable(
         "lidars against each other", "lidar", "against", "points", *headings, text_columns=("against",)
     )
-    for first, second, error, significant in check.lidars:
+    for pair in check.lidars:
+        error = pair.error
         matches = "0" if error is None else str(error.matches)
-        cells = [NOT_JUDGED] if error is None else _cells(error.values, error.sigmas, significant)
-        lidars.add_row(second.name, first.name, matches, *cells)
+        cells = [NOT_JUDGED] if error is None else _cells(error.values, error.sigmas, error.large)
+        lidars.add_row(pair.second.name, pair.first.name, matches, *cells)
     for table in (cameras, lidars):
         if table.row_count:
             out.print()
@@ -82,12 +83,14 @@ def check_tree(check: RigCheck) -> dict[str, Any]:
     }
     lidars = [
         {
-            "lidar": second.name,
-            "against": first.name,
-            "points": 0 if error is None else error.matches,
-            "errors": None if error is None else _tree(LIDAR_VALUES, error.values, error.sigmas, significant),
+            "lidar": pair.second.name,
+            "against": pair.first.name,
+            "points": 0 if pair.error is None else pair.error.matches,
+            "errors": None
+            if pair.error is None
+            else _tree(LIDAR_VALUES, pair.error.values, pair.error.sigmas, pair.error.large),
         }
-        for first, second, error, significant in check.lidars
+        for pair in check.lidars
     ]
     return {"cameras": cameras, "lidars": lidars, "warnings": [f"{warning}" for warning in check.warnings]}
 

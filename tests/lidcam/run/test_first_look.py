@@ -11,6 +11,8 @@ import pytest
 from wrong_cameras import CAMERA, cuboids, passing, without_tracks
 
 import lidcam
+from lidcam.checks.calibration.rig_check import RigCheck
+from lidcam.pipeline.calibration.lidar_poses import moved_lidar
 from lidcam.pipeline.core.frame import Decoded, FrameResult
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.geometry.transform_tree import TransformTree
@@ -21,9 +23,17 @@ from lidcam.pipeline.stages.detect3d import Detect3D
 from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.open import open_recording
 from lidcam.readers.rig.calibration import SensorSource
-from lidcam.readers.rig.discovery import Discovery
+from lidcam.readers.rig.discovery import Discovery, discover_rig
 from lidcam.run.box_sources import KnownBoxes
-from lidcam.run.first_look import BY_P, STRETCH_FRAMES, corrected_by_recording, later_stretches, with_lenses
+from lidcam.run.choice import UsedSettings
+from lidcam.run.first_look import (
+    BY_P,
+    STRETCH_FRAMES,
+    corrected_by_recording,
+    later_stretches,
+    with_agreeing_lidars,
+    with_corrections,
+)
 from lidcam.run.frames import RunInput
 from lidcam.run.summary import camera_corrections
 
@@ -88,7 +98,7 @@ def test_boxes_show_whether_images_are_rectified(crossing: RunInput, shown: str,
     used = corrected(replace(crossing, rig=rig), frames)
     assert used.cameras[0].model is (wide if shown == "rectified" else CAMERA.model)
     source = SensorSource("cam", "/cam", "cam", "/info", "tf")
-    found = with_lenses(Discovery(rig, (), (source,), (), RecordedTransforms(TransformTree())), used)
+    found = with_corrections(Discovery(rig, (), (source,), (), RecordedTransforms(TransformTree())), used)
     assert [source.intrinsics for source in found.sources] == [BY_P if shown == "rectified" else "/info"]
     assert len(found.notes) == (shown == "rectified")
 
@@ -104,6 +114,50 @@ def test_nothing_is_looked_at_without_need(crossing: RunInput, setting: dict[str
     config = lidcam.make_job(CROSSING, settings=setting).config
     with patch("lidcam.run.first_look._looked_at", side_effect=AssertionError):
         assert corrected_by_recording(replace(crossing, config=config), KnownBoxes(), 1).rig is RIG
+
+
+def with_second_lidar(source: RunInput, offset_m: float) -> RunInput:
+    """The sample with its own lidars, the second of which is recorded beside its place."""
+    rig = discover_rig(source.recording, Config()).rig
+    first, second = rig.lidars
+    wrong = moved_lidar(second, np.array([0, 0, 0, 0, 0, offset_m]))
+    return replace(source, rig=replace(rig, lidars=(first, wrong)))
+
+
+@pytest.mark.parametrize(("offset_m", "moved_m"), [(0.5, (0.0, -0.5)), (0.05, (0.025, -0.025)), (0.0, (0.0, 0.0))])
+def test_lidars_are_moved_until_they_agree(crossing: RunInput, offset_m: float, moved_m: tuple[float, float]) -> None:
+    source = with_second_lidar(crossing, offset_m)
+    used = with_agreeing_lidars(source)
+    moves = [
+        found.T_site_lidar.translation[2] - lidar.T_site_lidar.translation[2]
+        for found, lidar in zip(used.rig.lidars, source.rig.lidars, strict=True)
+    ]
+    np.testing.assert_allclose(moves, moved_m, atol=0.02 + 0.05 * offset_m)
+    assert (used.rig.lidars is source.rig.lidars) == (offset_m == 0)
+    notes = with_corrections(Discovery(source.rig, (), (), (), RecordedTransforms(TransformTree())), used.rig).notes
+    assert len(notes) == (offset_m != 0)
+    check = RigCheck(used.rig, used.config, used.compared)
+    assert len(check.warnings) == (offset_m != 0)
+    assert check.corrected().lidars == used.rig.lidars
+
+
+def test_lidars_stay_as_recorded_if_the_settings_say_so(crossing: RunInput) -> None:
+    config = lidcam.make_job(CROSSING, settings={"fuse.calibration": "recorded"}).config
+    source = replace(with_second_lidar(crossing, 0.5), config=config)
+    used = with_agreeing_lidars(source)
+    assert used.rig.lidars is source.rig.lidars
+    check = RigCheck(used.rig, used.config, used.compared)
+    [warning] = check.warnings
+    assert "lies beside" in warning.finding
+    assert "moves" not in warning.remedy
+    assert check.corrected().lidars != used.rig.lidars
+
+
+def test_lidars_are_not_compared_where_the_rig_moves_unnoticed(crossing: RunInput) -> None:
+    moving = replace(with_second_lidar(crossing, 0.5), settings=UsedSettings("road", "judged", moves=True))
+    with patch("lidcam.run.first_look.MAX_APART_NS", -1):
+        assert [pair.error for pair in with_agreeing_lidars(moving).compared.pairs] == [None]
+    assert with_agreeing_lidars(crossing) is crossing  # one lidar
 
 
 @pytest.mark.parametrize("frames", [1, 2, 17, 18, 200, 100_000])
