@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.calibration.camera_error import camera_error
 from lidcam.pipeline.calibration.lidar_poses import compared_lidars
-from lidcam.pipeline.calibration.overlap import BoxFrame, lens_that_fits, turn_that_fits
+from lidcam.pipeline.calibration.overlap import BoxFrame, camera_that_fits, lens_that_fits
 from lidcam.pipeline.calibration.pairs import TrackedPairs, tracked_pairs
 from lidcam.pipeline.core.arrays import F64, join_rows
 from lidcam.pipeline.core.frame import FrameResult, SensorBundle
@@ -113,7 +113,7 @@ def corrected_by_recording(source: RunInput, known: KnownBoxes, workers: int) ->
         for name, boxes in frame.detections.cameras.items() if len(frame.detections.lidar) else ():
             seen[name].append(BoxFrame(frame.detections.lidar, boxes.xyxy))
     fitting = tuple(
-        turn_that_fits(lens_that_fits(camera, seen[camera.name]), seen[camera.name]) for camera in rig.cameras
+        camera_that_fits(lens_that_fits(camera, seen[camera.name]), seen[camera.name]) for camera in rig.cameras
     )
     if fitting != rig.cameras:  # other pairs match: look again
         return corrected_by_recording(replace(source, rig=replace(rig, cameras=fitting)), known, workers)

@@ -132,12 +132,14 @@ class CameraCorrection:
         turned_sigma_deg: Standard deviation of its direction.
         late_ms: Delay of its images against their stamps.
         late_sigma_ms: Standard deviation of the delay.
+        zoom: Factor on its focal lengths.
     """
 
     turned_deg: float
     turned_sigma_deg: float
     late_ms: float
     late_sigma_ms: float
+    zoom: float
 
     @classmethod
     def of(cls, fit: CameraFit) -> Self:
@@ -145,12 +147,12 @@ class CameraCorrection:
         values = np.array(fit.corrected)
         turned = np.degrees([float(np.linalg.norm(values[:3])), fit.direction_sigma_rad])
         late = 1e3 * np.array([values[6], fit.delay_sigma_s])
-        return cls(*(round(float(value), 3) for value in (*turned, *late)))
+        return cls(*(round(float(value), 3) for value in (*turned, *late, fit.zoom)))
 
 
 def camera_corrections(rig: Rig) -> dict[str, CameraCorrection]:
     """The corrections of the cameras of a rig that have one, by name."""
-    return {camera.name: CameraCorrection.of(camera.fit) for camera in rig.cameras if any(camera.fit.corrected)}
+    return {camera.name: CameraCorrection.of(camera.fit) for camera in rig.cameras if camera.fit.is_changed}
 
 
 @dataclass(frozen=True, slots=True)

@@ -128,6 +128,7 @@ class CameraError:
             self.habits,
             self.habit_sigma,
             self.noise,
+            camera.fit.zoom,
         )
         # Stamps are later than the images by the offset: images taken later than assumed have a smaller one.
         offset_ns = camera.time_offset_ns - round(float(values[6]) * 1e9)

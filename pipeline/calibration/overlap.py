@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import product
 from typing import NamedTuple
 
@@ -32,27 +33,43 @@ against focal lengths off by 10 % or more, or a strong distortion that the image
 """
 
 
-TURNS_DEG = tuple(product(range(-8, 9, 2), range(-6, 7, 2)))
-"""Turns to the left and downwards that a camera may be off by, degrees: objects are wide enough for such steps."""
+class Change(NamedTuple):
+    """A change of a camera's pose or lens."""
 
-FINE_DEG = tuple(product((0, 1, -1), (0, 1, -1)))
+    yaw_deg: float = 0.0  # To the left
+    pitch_deg: float = 0.0  # Downwards
+    roll_deg: float = 0.0  # Clockwise
+    zoom: float = 1.0  # Factor on the focal lengths
+
+
+CAUSES = (
+    tuple(Change(yaw_deg, pitch_deg) for yaw_deg in range(-8, 9, 2) for pitch_deg in range(-6, 7, 2)),
+    tuple(Change(roll_deg=roll_deg) for roll_deg in range(-8, 9, 2)),
+    tuple(Change(zoom=zoom / 20) for zoom in range(14, 29)),
+)
+"""Changes that are tried; a camera has one of these errors. Objects are wide enough for such steps."""
+
+FINE_DEG = (0, 1, -1)
 """Turns that are tried about the best of them, degrees."""
 
 MIN_TURN_DEG = 2.0
 """Minimum turn by which a camera is corrected; pairs of boxes show smaller ones better."""
 
+MIN_ZOOM = 0.07
+"""Minimum change of the focal lengths by which a camera is corrected: errors of 5 % cost nothing."""
+
 MAX_DOUBTFUL_FIT = 0.45
 """Fit below which a pose is compared with others: rigs without errors have more in simulation, and less in dense
 traffic, where cameras see further than lidars."""
 
-MIN_TURNED_FIT, MIN_TURN_GAIN = 0.2, 1.15
-"""Minimum fit after a turn, and its minimum ratio to that before."""
+MIN_CHANGED_FIT, MIN_CHANGE_GAIN = 0.2, 1.15
+"""Minimum fit after a change, and its minimum ratio to that before."""
 
 SAME_PLACE_IOU = 0.5
 """Minimum IoU of 2D boxes in one place of the image."""
 
 MIN_MATCH, MIN_MATCHES = 0.4, 8.0
-"""Minimum IoU of a box that an object matches after a turn, and minimum number of such boxes, in different places."""
+"""Minimum IoU of a box that an object matches after a change, and minimum number of such boxes, in different places."""
 
 
 class BoxFrame(NamedTuple):
@@ -67,9 +84,9 @@ def has_enough(frames: Sequence[BoxFrame]) -> bool:
     return len(frames) >= MIN_FRAMES and sum(len(frame.xyxy) for frame in frames) >= MIN_BOXES
 
 
-def turned_pose(camera: CameraSensor, yaw_deg: float, pitch_deg: float) -> F64:
-    """(4, 4) T_camera_site of a camera turned to the left and downwards, degrees."""
-    turn = motion(np.array([*np.deg2rad([pitch_deg, yaw_deg]), 0.0, 0.0, 0.0, 0.0]))
+def turned_pose(camera: CameraSensor, yaw_deg: float, pitch_deg: float, roll_deg: float = 0.0) -> F64:
+    """(4, 4) T_camera_site of a camera turned to the left, downwards and clockwise, degrees."""
+    turn = motion(np.array([*np.deg2rad([pitch_deg, yaw_deg, roll_deg]), 0.0, 0.0, 0.0]))
     return np.asarray(turn @ camera.T_camera_site.matrix, np.float64)
 
 
@@ -84,11 +101,11 @@ def lens_that_fits(camera: CameraSensor, frames: Sequence[BoxFrame]) -> CameraSe
     return other if fits[1] > MIN_LENS_GAIN * fits[0] else camera
 
 
-def turn_that_fits(camera: CameraSensor, frames: Sequence[BoxFrame]) -> CameraSensor:
-    """The camera, or the same turned by some degrees if the 2D boxes clearly fit that better: poses measured by hand.
+def camera_that_fits(camera: CameraSensor, frames: Sequence[BoxFrame]) -> CameraSensor:
+    """The camera, or the same turned by degrees, or with another focal length, if the 2D boxes clearly fit that better.
 
-    Boxes of one place in the image, as those of a parked car, count as one. `fit.corrected` has the turn. A camera that
-    was corrected before stays.
+    These are errors of poses measured by hand and of intrinsics of another lens. Boxes of one place in the image, as
+    those of a parked car, count as one. `fit` has the change. A camera that was turned before stays.
     """
     if any(camera.fit.corrected) or not has_enough(frames):
         return camera
@@ -97,21 +114,28 @@ def turn_that_fits(camera: CameraSensor, frames: Sequence[BoxFrame]) -> CameraSe
         return camera
     weights = fit_of.weights()
 
-    def fit(yaw_deg: float, pitch_deg: float) -> float:
-        return float(np.average(fit_of.best(turned_pose(camera, yaw_deg, pitch_deg)), weights=weights))
+    @cache
+    def fit(change: Change) -> float:
+        return float(np.average(fit_of.best(turned_pose(camera, *change[:3]), change.zoom), weights=weights))
 
-    coarse = max(TURNS_DEG, key=lambda turn: fit(*turn))
-    yaw_deg, pitch_deg = max(
-        ((coarse[0] + yaw_deg, coarse[1] + pitch_deg) for yaw_deg, pitch_deg in FINE_DEG), key=lambda turn: fit(*turn)
+    change = max((max(cause, key=fit) for cause in CAUSES), key=fit)
+    yaws, pitches, rolls = (
+        FINE_DEG if is_tried else (0,) for is_tried in (any(change[:2]), any(change[:2]), change[2])
     )
-    after = fit(yaw_deg, pitch_deg)
-    if np.hypot(yaw_deg, pitch_deg) < MIN_TURN_DEG or after < max(MIN_TURNED_FIT, MIN_TURN_GAIN * fit(0, 0)):
+    fine = (
+        Change(change.yaw_deg + yaw, change.pitch_deg + pitch, change.roll_deg + roll, change.zoom)
+        for yaw, pitch, roll in product(yaws, pitches, rolls)
+    )
+    change = max(fine, key=fit)
+    if np.linalg.norm(change[:3]) < MIN_TURN_DEG and abs(change.zoom - 1) < MIN_ZOOM:
         return camera
-    pose = replace(camera.T_camera_site, matrix=turned_pose(camera, yaw_deg, pitch_deg))
-    if weights[fit_of.best(pose.matrix) >= MIN_MATCH].sum() < MIN_MATCHES:
+    pose = replace(camera.T_camera_site, matrix=turned_pose(camera, *change[:3]))
+    matches = weights[fit_of.best(pose.matrix, change.zoom) >= MIN_MATCH].sum()
+    if fit(change) < max(MIN_CHANGED_FIT, MIN_CHANGE_GAIN * fit(Change())) or matches < MIN_MATCHES:
         return camera
-    turn = (float(np.deg2rad(pitch_deg)), float(np.deg2rad(yaw_deg)), *[0.0] * 5)
-    return replace(camera, T_camera_site=pose, fit=replace(camera.fit, corrected=turn))
+    yaw, pitch, roll = np.deg2rad(change[:3]).tolist()
+    found = replace(camera.fit, corrected=(pitch, yaw, roll, 0.0, 0.0, 0.0, 0.0), zoom=camera.fit.zoom * change.zoom)
+    return replace(camera, T_camera_site=pose, model=camera.model.zoomed(change.zoom), fit=found)
 
 
 class BoxFit:
@@ -143,10 +167,10 @@ class BoxFit:
         counts = [(pair_overlaps_xyxy(box, self._boxes)[0] >= SAME_PLACE_IOU).sum() for box in self._boxes]
         return np.asarray(1 / np.maximum(counts, 1))
 
-    def best(self, T_camera_site: F64) -> F64:
-        """(M,) best IoU of each 2D box with an object of the same frame; (4, 4) pose."""
+    def best(self, T_camera_site: F64, zoom: float = 1.0) -> F64:
+        """(M,) best IoU of each 2D box with an object of the same frame; (4, 4) pose, factor on the focal lengths."""
         R, t = T_camera_site[:3, :3], T_camera_site[:3, 3]
-        projected = self._model.project_boxes(np.einsum("ij,nkj->nki", R, self._corners_site) + t)
+        projected = self._model.zoomed(zoom).project_boxes(np.einsum("ij,nkj->nki", R, self._corners_site) + t)
         iou, _ = pair_overlaps_xyxy(projected[self._rows3d], self._boxes[self._rows2d])
         best = np.zeros(len(self._boxes))
         np.maximum.at(best, self._rows2d, iou)

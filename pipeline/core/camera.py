@@ -7,9 +7,9 @@ pixel; the principal point of a calibration counts from pixel centres, as in Ope
 projection.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +65,10 @@ class CameraModel:
             )
         self.K.flags.writeable = False
         self.distortion.flags.writeable = False
+
+    def zoomed(self, factor: float) -> Self:
+        """The same camera with other focal lengths."""
+        return self if factor == 1.0 else replace(self, K=self.K * [[factor, factor, 1], [1, factor, 1], [1, 1, 1]])
 
     @cached_property
     def coefficients(self) -> F64:

@@ -68,6 +68,12 @@ class CameraFit:
     # Standard deviations of the edges of its 2D boxes, of left and right, and of top and bottom: pixels, and a share of
     # the root of their area; None: the settings
     noise: tuple[tuple[float, float], tuple[float, float]] | None = None
+    zoom: float = 1.0  # Factor on the recorded focal lengths
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether pose, clock or lens are not as recorded."""
+        return any(self.corrected) or self.zoom != 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -90,6 +90,12 @@ class CameraVerdict(NamedTuple):
     @property
     def warning(self) -> RunWarning | None:
         """The warning of a camera that has an error."""
+        if self.camera.fit.zoom != 1:
+            focal_px = self.camera.model.K[0, 0]
+            finding = (
+                f"its 2D boxes fit a focal length of {focal_px:.0f} px, not {focal_px / self.camera.fit.zoom:.0f} px"
+            )
+            return RunWarning(self.camera.name, finding, "this run uses that; recalibrate it")
         if self.error is None or not self.significant.any():
             return self.coarse
         values, sigmas = self.error.values * SCALES, self.error.sigmas * SCALES

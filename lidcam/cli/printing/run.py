@@ -224,7 +224,8 @@ def _corrected(corrections: Mapping[str, CameraCorrection]) -> str:
     """The corrections of cameras in a line."""
     return "; ".join(
         f"{name} turned by {one.turned_deg:.2f} ± {one.turned_sigma_deg:.2f} degrees, images {abs(one.late_ms):.0f} ± "
-        f"{one.late_sigma_ms:.0f} ms {'late' if one.late_ms >= 0 else 'early'}: corrected"
+        f"{one.late_sigma_ms:.0f} ms {'late' if one.late_ms >= 0 else 'early'}"
+        f"{f', focal length times {one.zoom:g}' if one.zoom != 1 else ''}: corrected"
         for name, one in corrections.items()
     )
 

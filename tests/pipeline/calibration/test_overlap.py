@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from detections import boxes3d, forward_camera
 
-from lidcam.pipeline.calibration.overlap import BoxFrame, turn_that_fits, turned_pose
+from lidcam.pipeline.calibration.overlap import BoxFrame, camera_that_fits, turned_pose
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.rig import CameraFit, CameraSensor
@@ -49,10 +49,29 @@ FRAMES = [seen(cars(number)) for number in range(10)]
 def test_a_camera_that_is_off_by_degrees_is_turned(yaw_deg: float, pitch_deg: float, beyond: int) -> None:
     calibrated = turned(yaw_deg, pitch_deg)
     frames = [seen(cars(number), beyond=beyond) for number in range(10)]
-    camera = turn_that_fits(calibrated, frames)
+    camera = camera_that_fits(calibrated, frames)
     assert angle_deg(camera, CAMERA) < 0.9
     np.testing.assert_allclose(np.degrees(camera.fit.corrected[:2]), [-pitch_deg, -yaw_deg], atol=0.8)
-    assert turn_that_fits(camera, frames) is camera
+    assert camera_that_fits(camera, frames) is camera
+
+
+@pytest.mark.parametrize("roll_deg", [-7.6, 8.0])
+def test_a_camera_that_is_rolled_is_turned(roll_deg: float) -> None:
+    pose = replace(CAMERA.T_camera_site, matrix=turned_pose(CAMERA, 0, 0, roll_deg))
+    camera = camera_that_fits(replace(CAMERA, T_camera_site=pose), FRAMES)
+    assert angle_deg(camera, CAMERA) < 0.9
+    assert camera.model is CAMERA.model
+    assert np.degrees(camera.fit.corrected[2]) == pytest.approx(-roll_deg, abs=0.8)
+
+
+@pytest.mark.parametrize("zoom", [0.72, 0.75, 1.3, 1.35])
+def test_the_focal_length_of_another_lens_is_corrected(zoom: float) -> None:
+    camera = camera_that_fits(replace(CAMERA, model=CAMERA.model.zoomed(zoom)), FRAMES)
+    assert camera.model.K[1, 1] == pytest.approx(CAMERA.model.K[1, 1], rel=0.05)
+    np.testing.assert_array_equal(camera.model.K[:2, 2], CAMERA.model.K[:2, 2])
+    assert camera.fit.zoom == pytest.approx(1 / zoom, rel=0.05)
+    assert camera.T_camera_site.matrix.tolist() == CAMERA.T_camera_site.matrix.tolist()
+    assert camera_that_fits(camera, FRAMES) is camera
 
 
 SPARSE = [seen(cars(number), beyond=7) for number in range(10)]
@@ -64,6 +83,7 @@ STILL = [seen(cars(0, 3))] * 10
     [
         pytest.param(CAMERA, FRAMES, id="sound"),
         pytest.param(turned(1, 0), FRAMES, id="off by a degree, which pairs show"),
+        pytest.param(replace(CAMERA, model=CAMERA.model.zoomed(1.04)), FRAMES, id="focal length nearly right"),
         pytest.param(turned(30, 0), FRAMES, id="off by more than a hand-made pose"),
         pytest.param(turned(5, 0), FRAMES[:4], id="few frames"),
         pytest.param(turned(5, 0), STILL, id="three parked cars"),
@@ -73,4 +93,4 @@ STILL = [seen(cars(0, 3))] * 10
     ],
 )
 def test_others_stay(camera: CameraSensor, frames: Sequence[BoxFrame]) -> None:
-    assert turn_that_fits(camera, frames) is camera
+    assert camera_that_fits(camera, frames) is camera

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -14,8 +15,9 @@ from lidcam.checks.calibration.rig_check import RigCheck
 from lidcam.cli.printing.rig_check import check_tree, print_check
 from lidcam.cli.printing.terminal import console
 from lidcam.pipeline.core.frame import FrameResult
-from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.rig import CameraFit, Rig
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.run.summary import camera_corrections
 
 RIG = Rig("site", (), (CAMERA, forward_camera("silent")), ())
 CONFIG = Config()
@@ -58,6 +60,14 @@ def test_an_error_is_named_and_corrected(values: tuple[float, ...], finding: str
     turn = camera.T_camera_site.matrix @ np.linalg.inv(CAMERA.T_camera_site.matrix)
     np.testing.assert_allclose([turn[2, 1], turn[0, 2], turn[1, 0]], values[:3], atol=0.004)
     assert camera.time_offset_ns == pytest.approx(-values[6] * 1e9, abs=6e6)
+
+
+def test_a_lens_that_a_run_changed_is_named() -> None:
+    changed = replace(CAMERA, model=CAMERA.model.zoomed(1.2), fit=CameraFit(zoom=1.2))
+    [warning] = RigCheck(replace(RIG, cameras=(changed,)), CONFIG).warnings
+    focal_px = CAMERA.model.K[0, 0]
+    assert f"fit a focal length of {1.2 * focal_px:.0f} px, not {focal_px:.0f} px" in warning.finding
+    assert camera_corrections(replace(RIG, cameras=(changed,)))["cam"].zoom == 1.2
 
 
 def test_several_errors_are_in_one_sentence_as_documented() -> None:
