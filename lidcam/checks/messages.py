@@ -1,4 +1,4 @@
-"""Files without messages, and warnings of lidars without points and of cameras that repeat an image or see nothing."""
+"""Files without messages; warnings of lidars without points, clouds without ground, cameras that see nothing new."""
 
 from collections import Counter
 
@@ -7,6 +7,7 @@ import numpy as np
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.settings.combine import GroundConfig
 from lidcam.readers.recording import Recording
 from lidcam.run.warning import RunWarning
 
@@ -73,6 +74,32 @@ class LidarCheck:
             return None
         remedy = "the lidar may be covered, or its motor may stand still; else see combine.min_range_m and max_range_m"
         return RunWarning(name, finding, remedy)
+
+
+MIN_GROUNDLESS, MIN_GROUNDLESS_SHARE = 2, 0.1
+"""Minimum number and share of frames with points and without a ground that are told: other recordings have none."""
+
+
+class GroundCheck:
+    """Counts frames in whose clouds no ground is found."""
+
+    def __init__(self, config: GroundConfig) -> None:
+        self._is_sought, self._frames, self._groundless = config.enabled, 0, 0
+
+    def add_frame(self, frame: FrameResult) -> None:
+        """Add one frame."""
+        if self._is_sought and frame.combined.counts.get("left", 0):
+            self._frames += 1
+            self._groundless += frame.combined.plane is None
+
+    @property
+    def warnings(self) -> tuple[RunWarning, ...]:
+        """One if many frames have no ground: objects stand too high or too low there, and boxes are lost."""
+        if self._groundless < max(MIN_GROUNDLESS, MIN_GROUNDLESS_SHARE * self._frames):
+            return ()
+        finding = f"none was found in {self._groundless} of {self._frames} frames, and objects need it for their height"
+        remedy = "if the clouds were recorded without their ground, take the lidar's own (topics.lidars)"
+        return (RunWarning("ground", finding, remedy),)
 
 
 MIN_IMAGES = 10

@@ -16,7 +16,7 @@ from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.given import LIDCAMS_OWN, GivenDetectors
 from lidcam.pipeline.stages.sync.clocks import Clocks
-from lidcam.pipeline.stages.sync.synchronize import SyncStats, synchronize
+from lidcam.pipeline.stages.sync.synchronize import MAX_INTERVAL_S, SyncStats, synchronize
 from lidcam.readers.recording import Recording
 from lidcam.readers.streams.copied import CopiedMessages
 from lidcam.readers.streams.motion import MotionBuffer, MotionSource
@@ -25,6 +25,9 @@ from lidcam.run.box_sources import box_source, detects_in_images
 from lidcam.run.choice import AS_GIVEN, UsedSettings
 from lidcam.run.missing import MissingSensor, missing_sensors
 from lidcam.run.tally import DropTable
+
+SHARE_OF_PERIOD, MAX_SLOW_INTERVAL_S = 0.55, 0.3
+"""Largest spread of stamps in a frame by `auto`: share of the period of the slowest required topic, and its limit."""
 
 NOT_EVERY = "of a frame that sync.every leaves out"
 """Reason of drops that the user asked for."""
@@ -143,16 +146,27 @@ def _synchronizer(
     source: RunInput, drops: DropTable, stats: SyncStats
 ) -> Callable[[Iterable[RawMessage]], Iterator[SensorBundle]]:
     config, rig = source.config, source.rig
+    sync = config.sync
+    if sync.max_interval_s == "auto":
+        sync = sync.model_copy(update={"max_interval_s": _max_interval_s(source)})
     return partial(
         synchronize,
         topics=synchronized_topics(config, rig),
-        config=config.sync,
+        config=sync,
         reference=reference_topic(config, rig),
         required=required_topics(config, rig),
         on_drop=drops.count_drop,
         stats=stats,
         max_waiting_bytes=config.limits.max_waiting_bytes,
     )
+
+
+def _max_interval_s(source: RunInput) -> float:
+    """The limit on the spread of stamps in a frame: slow lidars that nothing synchronises are half a period apart."""
+    recording, needed = source.recording, required_topics(source.config, source.rig) or ()
+    counts = [info.message_count for info in recording.topics if info.topic in needed]
+    period_s = (recording.end_ns - recording.start_ns) / 1e9 / max(min(counts, default=0) - 1, 1)
+    return min(max(SHARE_OF_PERIOD * period_s, MAX_INTERVAL_S), MAX_SLOW_INTERVAL_S)
 
 
 def synchronize_stamps(

@@ -182,3 +182,29 @@ def test_a_loop_that_was_recorded_is_split_and_no_frame_mixes_both_sides() -> No
         "if it was played in a loop, process one pass of it with --start and --duration"
     ]
     assert not summary.drops.messages
+
+
+@pytest.mark.parametrize(
+    ("period_s", "apart_s", "limit", "frames"),
+    [
+        (0.2, 0.1, "auto", 5),
+        (0.2, 0.1, 0.1, 5),
+        (0.21, 0.105, "auto", 5),
+        (0.21, 0.105, 0.1, 0),
+        (0.5, 0.25, "auto", 5),
+        (1.0, 0.45, "auto", 0),
+        (0.1, 0.04, "auto", 5),
+    ],
+)
+def test_slow_lidars_need_not_measure_at_one_time(period_s: float, apart_s: float, limit: object, frames: int) -> None:
+    times = [
+        (topic, round((k * period_s + offset) * 1e9))
+        for k in range(6)
+        for topic, offset in ((FRONT, 0), (REAR, apart_s))
+    ]
+    messages = [message(topic, START_NS + ns, START_NS + ns) for topic, ns in times]
+    try:
+        _, found = run(messages, config(max_interval_s=limit, silent_after_s=3.0))
+    except RecordingError:
+        found = []
+    assert len(found) >= frames if frames else not found

@@ -13,6 +13,9 @@ from lidcam.pipeline.stages.sync.attendance import Attendance
 from lidcam.pipeline.stages.sync.liveness import Liveness
 from lidcam.pipeline.stages.sync.partial_sets import FoundSet, PartialSets
 
+MAX_INTERVAL_S = 0.1
+"""Largest spread of the required topics' stamps by `auto`, seconds, but for slow topics."""
+
 
 @dataclass(slots=True)
 class SyncStats:
@@ -87,7 +90,8 @@ def synchronize(
     stats = SyncStats() if stats is None else stats
     for topic in topics:
         stats.received.setdefault(topic, 0)
-    max_interval_ns = None if config.max_interval_s is None else _nanoseconds(config.max_interval_s)
+    interval_s = MAX_INTERVAL_S if config.max_interval_s == "auto" else config.max_interval_s
+    max_interval_ns = None if interval_s is None else _nanoseconds(interval_s)
     finder: _FullSets | PartialSets
     if required is None:
         policy = ApproximateTime(

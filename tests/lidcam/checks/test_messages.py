@@ -3,12 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from frames import RIG, frame
 
-from lidcam.checks.messages import CameraCheck, LidarCheck
+from lidcam.checks.messages import CameraCheck, GroundCheck, LidarCheck
+from lidcam.pipeline.core.clouds import Plane
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.messages import Drop
+from lidcam.pipeline.core.settings.combine import GroundConfig
 
 
 def measured(points: Mapping[str, int]) -> FrameResult:
@@ -47,6 +50,20 @@ def test_messages_that_cannot_be_decoded_are_not_called_empty() -> None:
     assert [str(warning) for warning in check.warnings] == [
         "lidar2: none of its 1 messages can be decoded; -v lists the reasons"
     ]
+
+
+@pytest.mark.parametrize(
+    ("frames", "groundless", "is_told"), [(0, 0, False), (1, 1, False), (2, 2, True), (30, 2, False), (30, 3, True)]
+)
+def test_clouds_without_ground_are_told(frames: int, groundless: int, *, is_told: bool) -> None:
+    check = GroundCheck(GroundConfig())
+    for number in range(frames):
+        plane = None if number < groundless else Plane(np.array([0.0, 0.0, 1.0]), 1.7)
+        check.add_frame(replace(frame(), combined=replace(frame().combined, plane=plane, counts={"left": 9})))
+    empty = replace(frame().combined, plane=None, counts={"left": 0})
+    check.add_frame(replace(frame(), combined=empty))
+    told = [f"none was found in {groundless} of {frames} frames, and"] * is_told
+    assert [warning.finding[: len(told[0])] for warning in check.warnings] == told
 
 
 @pytest.mark.parametrize(
