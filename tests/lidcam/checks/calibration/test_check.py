@@ -33,8 +33,9 @@ def test_an_inverted_lidar_is_named_and_not_the_cameras(tmp_path: Path) -> None:
     rig = tmp_path / "rig.yaml"
     rig.write_text(yaml.safe_dump(tree))
     report = lidcam.process(SANDBOX, config="sandbox", settings=[CLUSTERS], rig=rig, duration_s=2.0).summary
-    [line] = map(str, report.warnings)
-    assert line.startswith(
+    by_subject = {warning.subject: str(warning) for warning in report.warnings}
+    assert by_subject.keys() == {"ground", "velodyne3"}
+    assert by_subject["velodyne3"].startswith(
         "velodyne3: its ground lies at z = -0.87 m, and with the inverse of its extrinsics at 0.00 m"
     )
     # On one sweep: the defaults are for metres, not for a model of 1:14.
