@@ -65,7 +65,7 @@ MAX_LINES = {
     "lidcam/run": (3000, 960),
     "lidcam/training": (2800, 870),
     "pipeline": (170, 160),
-    "pipeline/calibration": (930, 400),
+    "pipeline/calibration": (930, 420),
     "pipeline/core": (4540, 2330),
     "pipeline/detectors": (3720, 2790),
     "pipeline/evaluation": (3970, 2000),

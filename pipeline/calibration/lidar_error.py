@@ -15,14 +15,12 @@ from lidcam.pipeline.calibration.motions import cluster_covariance
 from lidcam.pipeline.core.arrays import F64, I64, Bools
 from lidcam.pipeline.core.geometry.rotations import turned
 
-MAX_POINTS = 1500
-"""Maximum number of points of the judged lidar compared per frame, evenly thinned."""
-
 MAX_REFERENCE_POINTS = 30_000
 """Maximum number of points of the reference lidar per frame, evenly thinned."""
 
-NEIGHBOURS = 16
-"""Number of points that define a plane."""
+TRIES = (16, 1500), (8, 3000)
+"""Number of points that define a plane, and maximum number of points of the judged lidar compared per frame, evenly
+thinned; the second where lidars of few beams have too little in common by the first."""
 
 MIN_MATCHES = 200
 """Minimum number of points on common planes before two lidars are judged."""
@@ -98,19 +96,24 @@ def lidar_error(frames: Sequence[tuple[F64, F64]], origin_site: F64) -> LidarErr
             without moving objects.
         origin_site: (3,) the lidar in the site frame, metres.
     """
+    found = (_error(frames, origin_site, *one) for one in TRIES)
+    return next((error for error in found if error is not None), None)
+
+
+def _error(frames: Sequence[tuple[F64, F64]], origin_site: F64, neighbours: int, max_points: int) -> LidarError | None:
     from small_gicp import KdTree  # behind the imports of programs that do without
 
     parts = []
     for reference, points in frames:
-        if len(reference) > NEIGHBOURS and len(points):
+        if len(reference) > neighbours and len(points):
             some, chosen = (
                 reference[:: -(-len(reference) // MAX_REFERENCE_POINTS)],
-                points[:: -(-len(points) // MAX_POINTS)],
+                points[:: -(-len(points) // max_points)],
             )
             parts.append((KdTree(some), some, chosen, np.sqrt(((chosen - origin_site) ** 2).sum(1))))
     values, prior = np.zeros(6), 1 / np.array([ROTATION_SIGMA_RAD] * 3 + [TRANSLATION_SIGMA_M] * 3) ** 2
     for _ in range(STEPS):
-        found = [_against(*part, values, origin_site) for part in parts]
+        found = [_against(*part, values, origin_site, neighbours) for part in parts]
         if sum(len(residuals) for residuals, *_ in found) < MIN_MATCHES:
             return None
         residuals, slopes, tilted, cells = (np.concatenate(columns) for columns in zip(*found, strict=True))
@@ -133,7 +136,7 @@ def _plane_information(found: F64, tilted: F64, weights: F64) -> F64:
 
 
 def _against(
-    tree: object, reference: F64, points: F64, ranges_m: F64, values: F64, origin: F64
+    tree: object, reference: F64, points: F64, ranges_m: F64, values: F64, origin: F64, neighbours: int
 ) -> tuple[F64, F64, F64, I64]:
     """Points on planes: residuals (K,), derivatives (K, 6), derivatives by tilts (K, 2, 6), and cells (K, 3).
 
@@ -141,16 +144,16 @@ def _against(
     """
     arms = (points - origin) @ turned(values[:3]).T
     moved = arms + origin + values[3:]
-    rows, squares = tree.batch_knn_search(moved, NEIGHBOURS)  # type: ignore[attr-defined]  # KdTree, imported late
+    rows, squares = tree.batch_knn_search(moved, neighbours)  # type: ignore[attr-defined]  # KdTree, imported late
     near = reference[rows]
     middle = near.mean(1)
     spread = near - middle[:, None]
-    variances, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread) / NEIGHBOURS)
+    variances, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread) / neighbours)
     normals = axes[..., 0]
     is_plane = (variances[:, 0] < MAX_FLATNESS * variances[:, 1]) & (variances[:, 1] > MIN_BREADTH * variances[:, 2])
-    used = is_plane & (np.sqrt(squares[:, NEIGHBOURS // 2]) < MAX_NEIGHBOUR_DISTANCE * ranges_m)
+    used = is_plane & (np.sqrt(squares[:, neighbours // 2]) < MAX_NEIGHBOUR_DISTANCE * ranges_m)
     normals, arms, moved = normals[used], arms[used], moved[used]
-    tilts = np.sqrt(NORMAL_TILT / NEIGHBOURS * variances[used, :1] / variances[used, 1:])
+    tilts = np.sqrt(NORMAL_TILT / neighbours * variances[used, :1] / variances[used, 1:])
     sides = axes[used, :, 1:].swapaxes(1, 2) * tilts[..., None]
     residuals = ((middle[used] - moved) * normals).sum(1)
     cells = np.floor(moved / (CELL_SIZE * np.median(ranges_m))).astype(np.int64)

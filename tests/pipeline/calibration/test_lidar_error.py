@@ -1,10 +1,12 @@
 """A lidar that stands elsewhere than its calibration says is found by the walls and the floor that both lidars see."""
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 from seen_rooms import FIRST, SECOND, placed, seen
 
-from lidcam.pipeline.calibration.lidar_error import lidar_error
+from lidcam.pipeline.calibration.lidar_error import TRIES, lidar_error
 from lidcam.pipeline.core.arrays import F64
 
 
@@ -20,6 +22,17 @@ def test_the_error_is_found(values: tuple[float, ...]) -> None:
     assert (np.abs(found.values - given) < 4 * found.sigmas).all()
     assert np.abs(found.values - given)[3:].max() < 0.02
     assert found.sigmas[3:].max() < 0.02
+
+
+def test_lidars_of_few_points_are_judged_by_smaller_planes() -> None:
+    given = np.array([0, 0, 0.02, 0.1, 0, 0])
+    frames = [(seen(FIRST, number)[::9], placed(seen(SECOND, number + 9), given)[::7]) for number in range(3)]
+    with patch("lidcam.pipeline.calibration.lidar_error.TRIES", TRIES[:1]):
+        assert lidar_error(frames, SECOND) is None
+    found = lidar_error(frames, SECOND)
+    assert found is not None
+    assert (np.abs(found.values - given) < 4 * found.sigmas).all()
+    assert found.significant.tolist() == [False, False, True, True, False, False]
 
 
 def test_a_floor_says_nothing_of_the_way_along_it() -> None:
