@@ -62,7 +62,7 @@ def compared_lidars(lidars: Sequence[LidarSensor], site_frame: str, clouds: Sequ
 
     Args:
         lidars: As recorded.
-        site_frame: A lidar whose frame this is stays where it is.
+        site_frame: The only lidar whose frame this is stays where it is.
         clouds: For some frames, points (N, 3) of each lidar in the site frame, metres.
     """
     pairs = [
@@ -80,7 +80,7 @@ def agreeing_motions(lidars: Sequence[LidarSensor], site_frame: str, pairs: Sequ
 
     Args:
         lidars: As recorded.
-        site_frame: A lidar whose frame this is stays where it is.
+        site_frame: The only lidar whose frame this is stays where it is.
         pairs: Any two of them at most once.
     """
     row_of = {lidar.name: row for row, lidar in enumerate(lidars)}
@@ -91,6 +91,7 @@ def agreeing_motions(lidars: Sequence[LidarSensor], site_frame: str, pairs: Sequ
     covariances = np.array([error.covariance for _, error in judged]).reshape(-1, 6, 6)
     places = np.array([lidar.T_site_lidar.translation for lidar in lidars])
     fixed = [row for row, lidar in enumerate(lidars) if lidar.T_site_lidar.src == site_frame]
+    fixed = fixed if len(fixed) == 1 else []  # of several, drivers have put all clouds into this frame
     first, second = rows.T
     turns = _shared(rows, values[:, :3], covariances[:, :3, :3], ROTATION_SIGMA_RAD, len(lidars), fixed)
     # The translation that is left once the rotations are known; the second is carried by the rotation of the first.

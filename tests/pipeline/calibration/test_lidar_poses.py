@@ -1,5 +1,7 @@
 """Lidars that disagree are moved until they agree: the one that is far off, or all by a little."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -75,6 +77,8 @@ def test_a_lidar_whose_frame_is_the_site_stays() -> None:
     motions = agreeing_motions(LIDARS[:3], "lidar1", all_pairs(errors, 3))
     np.testing.assert_allclose(motions[1], 0, atol=1e-6)
     np.testing.assert_allclose(motions[0, :3], errors[0, :3], atol=1e-4)
+    of_site = [replace(one, T_site_lidar=replace(one.T_site_lidar, src="site")) for one in LIDARS[:3]]
+    assert np.abs(agreeing_motions(of_site, "site", all_pairs(errors, 3))).max() > 0.01  # all clouds are given in it
 
 
 def test_a_lidar_that_none_can_judge_stays() -> None:
