@@ -14,7 +14,6 @@ from functools import partial
 from itertools import islice
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.calibration.camera_error import camera_error
 from lidcam.pipeline.calibration.lidar_poses import compared_lidars
@@ -22,6 +21,7 @@ from lidcam.pipeline.calibration.overlap import BoxFrame, camera_that_fits, lens
 from lidcam.pipeline.calibration.pairs import TrackedPairs, tracked_pairs
 from lidcam.pipeline.core.arrays import F64, join_rows
 from lidcam.pipeline.core.frame import FrameResult, SensorBundle
+from lidcam.pipeline.core.geometry.rotations import rotation_vectors
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.parallel.process import copied_workers
 from lidcam.pipeline.stages.combine import Combine
@@ -142,7 +142,7 @@ def _moved_text(recorded: LidarSensor, used: LidarSensor) -> str:
     """How far a lidar was moved; empty where that is less than the figures show."""
     step = used.T_site_lidar.matrix @ np.linalg.inv(recorded.T_site_lidar.matrix)
     way_m = np.linalg.norm(used.T_site_lidar.translation - recorded.T_site_lidar.translation)
-    turn_deg = np.degrees(Rotation.from_matrix(step[:3, :3]).magnitude())
+    turn_deg = np.degrees(np.linalg.norm(rotation_vectors(step[None, :3, :3])))
     figures = f"{way_m:.2f} m and {turn_deg:.2f} degrees"
     return f"{used.name} by {figures}" if figures != "0.00 m and 0.00 degrees" else ""
 
