@@ -56,7 +56,7 @@ MIN_TURN_DEG = 2.0
 """Minimum turn by which a camera is corrected; pairs of boxes show smaller ones better."""
 
 MIN_ZOOM = 0.07
-"""Minimum change of the focal lengths by which a camera is corrected: errors of 5 % cost nothing."""
+"""Minimum change of the focal lengths by which a camera is corrected: the boxes hardly tell smaller ones apart."""
 
 MAX_DOUBTFUL_FIT = 0.45
 """Fit below which a pose is compared with others: rigs without errors have more in simulation, and less in dense
