@@ -52,7 +52,7 @@ def compiled(folder: Path, scratch: Path) -> Path:
     flags = ["/std:c++17", "/O2", "/fp:precise"] if is_msvc else _FLAGS
     extension = Extension(
         MODULE,
-        [*map(str, sorted(folder.glob("*.cpp"))), str(Path(nanobind.source_dir()) / "nb_combined.cpp")],
+        [str(folder / "module.cpp"), str(Path(nanobind.source_dir()) / "nb_combined.cpp")],
         include_dirs=[str(nanobind_at), str(nanobind_at.parent / "ext/robin_map/include")],
         define_macros=[("NDEBUG", None), ("NB_COMPACT_ASSERTIONS", None)],
         extra_compile_args=flags,
@@ -60,7 +60,7 @@ def compiled(folder: Path, scratch: Path) -> Path:
         language="c++",
     )
     build = Distribution({"name": MODULE, "ext_modules": [extension]}).get_command_obj("build_ext")
-    build.build_lib, build.build_temp, build.parallel = str(scratch / "lib"), str(scratch / "temp"), True
+    build.build_lib, build.build_temp = str(scratch / "lib"), str(scratch / "temp")
     build.ensure_finalized()
     build.run()
     return Path(build.get_outputs()[0])

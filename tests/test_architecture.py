@@ -71,7 +71,7 @@ MAX_LINES = {
     "pipeline/evaluation": (3970, 2000),
     "pipeline/filters": (380, 590),
     "pipeline/fusion": (2810, 1520),
-    "pipeline/native": (3520, 0),
+    "pipeline/native": (3530, 0),
     "pipeline/parallel": (960, 600),
     "pipeline/stages": (3070, 3160),
     "pipeline/tracking": (2200, 980),

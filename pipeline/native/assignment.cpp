@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-namespace {
+namespace assignment {
 
 // Shortest augmenting paths: Crouse, On implementing 2D rectangular assignment algorithms, IEEE TAES 52(4), 2016.
 nb::object columns_of_rows(In2<double> costs) {
@@ -64,6 +64,6 @@ nb::object columns_of_rows(In2<double> costs) {
     return column_of.numpy();
 }
 
-}  // namespace
+void add(nb::module_ &kernels) { kernels.def("columns_of_rows", &columns_of_rows, array("costs")); }
 
-void add_assignment(nb::module_ &kernels) { kernels.def("columns_of_rows", &columns_of_rows, array("costs")); }
+}  // namespace assignment

@@ -7,7 +7,7 @@
 #include <limits>
 #include <vector>
 
-namespace {
+namespace boxes {
 
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
 constexpr double PI = 3.141592653589793;
@@ -355,9 +355,7 @@ nb::tuple box_shapes(In2<double> position, In1<int64_t> starts, In2<double> plac
     return nb::make_tuple(counts.numpy(), shapes.numpy());
 }
 
-}  // namespace
-
-void add_boxes(nb::module_ &kernels) {
+void add(nb::module_ &kernels) {
     kernels.def("points_above_ground", &points_above_ground, array("xyz"), array("lidar_index"), array("time_ns"),
                 array("rows"), array("plane"), array("relief_m"), array("grid"), array("lidar_xyz"),
                 nb::arg("distance_m"), nb::arg("distance_per_m"), nb::arg("above_m"), nb::arg("below_m"));
@@ -367,3 +365,5 @@ void add_boxes(nb::module_ &kernels) {
     kernels.def("box_shapes", &box_shapes, array("position"), array("starts"), array("placed"), array("heading"),
                 array("sight"), nb::arg("reach_m"));
 }
+
+}  // namespace boxes

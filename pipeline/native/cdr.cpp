@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-namespace {
+namespace cdr {
 
 #ifdef __BYTE_ORDER__
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "numbers are written as they lie in memory");
@@ -323,12 +323,12 @@ nb::object cdr(const CdrType &type, nb::object message) {
     return out.finished();
 }
 
-}  // namespace
-
-void add_cdr(nb::module_ &kernels) {
+void add(nb::module_ &kernels) {
     nb::class_<CdrType>(kernels, "CdrType")
         .def(nb::init<std::string, nb::list>(), nb::arg("name"), nb::arg("fields"));
     kernels.attr("ONE") = ONE;
     kernels.attr("SEQUENCE") = SEQUENCE;
     kernels.def("cdr", &cdr, nb::arg("type"), nb::arg("message"));
 }
+
+}  // namespace cdr

@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-namespace {
+namespace clusters {
 
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
@@ -313,12 +313,12 @@ nb::tuple cluster_extents(In2<double> position, In1<int64_t> weights, In1<int64_
     return nb::make_tuple(rows.numpy(), starts.numpy(), total.numpy(), low.numpy(), high.numpy());
 }
 
-}  // namespace
-
-void add_clusters(nb::module_ &kernels) {
+void add(nb::module_ &kernels) {
     kernels.def("cells_of_points", &cells_of_points, array("points"), array("distance_m"), nb::arg("share"),
                 array("edges_m"), array("group"), nb::arg("groups"));
     kernels.def("linked_parts", &linked_parts, array("points"), array("distance_m"), array("series"));
     kernels.def("cluster_extents", &cluster_extents, array("position"), array("weights"), array("cluster"),
                 nb::arg("clusters"));
 }
+
+}  // namespace clusters

@@ -11,7 +11,7 @@
 #include <numeric>
 #include <vector>
 
-namespace {
+namespace curve {
 
 constexpr int AXIS_BITS = 11;
 constexpr int CELLS = 1 << AXIS_BITS;  // of the curve along each axis
@@ -90,8 +90,6 @@ LIDCAM_HOT void find_places(const float *const *xyz, int64_t count, const double
     }
 }
 
-}  // namespace
-
 void order_along_curve(const float *x, const float *y, const float *z, int64_t count, int64_t *order) {
     const float *xyz[3] = {x, y, z};
     double low[3], edge = 0;
@@ -123,3 +121,5 @@ void order_along_curve(const float *x, const float *y, const float *z, int64_t c
         for (int64_t i = begin; i < end; i++) order[i] = crowd[order[i]];
     }
 }
+
+}  // namespace curve

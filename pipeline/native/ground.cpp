@@ -9,7 +9,7 @@
 #include <optional>
 #include <vector>
 
-namespace {
+namespace ground {
 
 // Largest index of a cell; points beyond fall into the last one.
 constexpr int64_t MAX_CELL = int64_t(1) << 30;
@@ -322,9 +322,7 @@ nb::tuple parted(In2<float> xyz, In1<bool> kept, In1<float> plane, double distan
     return nb::make_tuple(left.numpy(parts.left_count), level.numpy(parts.level_count), above.numpy(parts.above_count));
 }
 
-}  // namespace
-
-void add_ground(nb::module_ &kernels) {
+void add(nb::module_ &kernels) {
     kernels.def("lowest_of_cells", &lowest_of_cells, array("points"), nb::arg("cell_m"));
     kernels.def("count_layers", &count_layers, array("points"), array("planes"), nb::arg("layer_m"));
     kernels.def("scatter_within", &scatter_within, array("points"), array("plane"), nb::arg("limit_m"));
@@ -332,3 +330,5 @@ void add_ground(nb::module_ &kernels) {
     kernels.def("parted", &parted, array("xyz"), array("kept"), array("plane"), nb::arg("distance_m"),
                 array("origin_xy"), nb::arg("cell_m"), array("offsets_m"));
 }
+
+}  // namespace ground

@@ -3,7 +3,7 @@
 
 #include <limits>
 
-namespace {
+namespace lenses {
 
 // Steps of Newton's method; a dozen are enough at 85 degrees from the axis of a fisheye lens.
 constexpr int MAX_STEPS = 30;
@@ -87,11 +87,11 @@ nb::object rays_of_pixels(In3<double> pixels, In3<double> K, In2<double> coeffic
     return nb::make_tuple(rays.numpy(), found.numpy());
 }
 
-}  // namespace
-
-void add_lenses(nb::module_ &kernels) {
+void add(nb::module_ &kernels) {
     kernels.def("pixels_of_points", &pixels_of_points, array("points"), array("K"), array("coefficients"),
                 array("equidistant"), array("limits"));
     kernels.def("rays_of_pixels", &rays_of_pixels, array("pixels"), array("K"), array("coefficients"),
                 array("equidistant"), array("limits"));
 }
+
+}  // namespace lenses

@@ -8,7 +8,7 @@
 #include <limits>
 #include <vector>
 
-namespace {
+namespace lshape {
 
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
@@ -233,12 +233,12 @@ nb::tuple rectangles(In2<double> xy, In1<int64_t> ends, In1<double> cos, In1<dou
     return nb::make_tuple(low.numpy(), high.numpy(), residual_m.numpy());
 }
 
-}  // namespace
-
-void add_lshape(nb::module_ &kernels) {
+void add(nb::module_ &kernels) {
     kernels.def("closest_directions", &closest_directions, array("xy"), array("ends"), array("low"),
                 array("diagonal_m"), array("cos"), array("sin"), nb::arg("coarse"));
     kernels.def("quantiles", &quantiles, array("values"), array("ends"), nb::arg("share"));
     kernels.def("rectangles", &rectangles, array("xy"), array("ends"), array("cos"), array("sin"),
                 nb::arg("outside_share"));
 }
+
+}  // namespace lshape

@@ -1,13 +1,25 @@
-// The module `kernels`: what each file adds to it.
-#include "arrays.h"
-
-using AddKernels = void(nb::module_ &);
-AddKernels add_assignment, add_boxes, add_cdr, add_clusters, add_ground, add_lenses, add_lshape, add_motion,
-    add_neighbors, add_outlines, add_pillars, add_regions, add_relief, add_sight, add_visibility;
+// The module `kernels`: what each file adds to it. All are one unit, since reading the headers of nanobind takes longer
+// than compiling most of them.
+#include "assignment.cpp"
+#include "boxes.cpp"
+#include "cdr.cpp"
+#include "clusters.cpp"
+#include "curve.cpp"
+#include "ground.cpp"
+#include "lenses.cpp"
+#include "lshape.cpp"
+#include "motion.cpp"
+#include "neighbors.cpp"
+#include "outlines.cpp"
+#include "pillars.cpp"
+#include "regions.cpp"
+#include "relief.cpp"
+#include "sight.cpp"
+#include "visibility.cpp"
 
 NB_MODULE(kernels, kernels) {
-    for (AddKernels *add : {add_assignment, add_boxes, add_cdr, add_clusters, add_ground, add_lenses, add_lshape,
-                            add_motion, add_neighbors, add_outlines, add_pillars, add_regions, add_relief, add_sight,
-                            add_visibility})
+    for (auto *add : {assignment::add, boxes::add, cdr::add, clusters::add, ground::add, lenses::add, lshape::add,
+                      motion::add, neighbors::add, outlines::add, pillars::add, regions::add, relief::add, sight::add,
+                      visibility::add})
         add(kernels);
 }

@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-namespace {
+namespace motion {
 
 LIDCAM_HOT void find_in_range(const float *xyz, int64_t count, float min_m, float max_m, bool *kept) {
     for (int64_t i = 0; i < count; i++) {
@@ -65,10 +65,10 @@ nb::object moved_each(In2<float> xyz, In1<int64_t> since_ns, In3<float> matrices
     return out.numpy();
 }
 
-}  // namespace
-
-void add_motion(nb::module_ &kernels) {
+void add(nb::module_ &kernels) {
     kernels.def("in_range", &in_range, array("xyz"), nb::arg("min_m"), nb::arg("max_m"));
     kernels.def("moved", &moved, array("xyz"), array("matrix"));
     kernels.def("moved_each", &moved_each, array("xyz"), array("since_ns"), array("matrices"), nb::arg("step_ns"));
 }
+
+}  // namespace motion

@@ -14,7 +14,7 @@
 #include <memory>
 #include <vector>
 
-namespace {
+namespace neighbors {
 
 constexpr int RUN = 32;    // points of a run, and runs of a block
 constexpr int RANKS = 10;  // neighbours inserted in one pass: `outliers.NEIGHBORS`
@@ -201,7 +201,7 @@ nb::object mean_neighbor_distance_m(In2<float> xyz, int64_t neighbors) {
             for (int axis = 0; axis < 3; axis++) rows[axis * count + i] = xyz.data()[3 * i + axis];
         std::vector<int64_t> order(count);
         const float *first = rows.data();
-        if (count > 0) order_along_curve(first, first + count, first + 2 * count, count, order.data());
+        if (count > 0) curve::order_along_curve(first, first + count, first + 2 * count, count, order.data());
 
         const int64_t blocks = (count + RUN * RUN - 1) / (RUN * RUN), runs = blocks * RUN;
         Cloud cloud{std::vector<Run>(runs), std::vector<Box>(runs), std::vector<Block>(blocks), count};
@@ -229,8 +229,8 @@ nb::object mean_neighbor_distance_m(In2<float> xyz, int64_t neighbors) {
     return out.numpy();
 }
 
-}  // namespace
-
-void add_neighbors(nb::module_ &kernels) {
+void add(nb::module_ &kernels) {
     kernels.def("mean_neighbor_distance_m", &mean_neighbor_distance_m, array("xyz"), nb::arg("neighbors"));
 }
+
+}  // namespace neighbors

@@ -3,7 +3,7 @@
 
 #include <vector>
 
-namespace {
+namespace outlines {
 
 struct Vector {
     double x, y, z;
@@ -175,10 +175,10 @@ nb::object outermost_points(In2<double> centers, In2<double> sizes, In1<double> 
     return nb::make_tuple(edges.numpy(), slopes.numpy(), makers.numpy(), valid.numpy());
 }
 
-}  // namespace
-
-void add_outlines(nb::module_ &kernels) {
+void add(nb::module_ &kernels) {
     kernels.def("outermost_points", &outermost_points, array("centers"), array("sizes"), array("cosines"),
                 array("sines"), array("rows"), array("signs"), array("offsets"), array("rotations"),
                 array("translations"), array("K"), array("coefficients"), array("equidistant"), array("limits"));
 }
+
+}  // namespace outlines

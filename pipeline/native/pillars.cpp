@@ -4,7 +4,7 @@
 #include <cmath>
 #include <vector>
 
-namespace {
+namespace pillars {
 
 constexpr size_t FEATURE_COUNT = 8;
 
@@ -103,9 +103,9 @@ nb::object pillar_features(In2<double> position, double cell_m, int64_t cells, d
     return nb::make_tuple(features.numpy(taken), cell.numpy(taken), counts.numpy(taken), x_y.numpy(taken));
 }
 
-}  // namespace
-
-void add_pillars(nb::module_ &kernels) {
+void add(nb::module_ &kernels) {
     kernels.def("pillar_features", &pillar_features, array("position"), nb::arg("cell_m"), nb::arg("cells"),
                 nb::arg("low_m"), nb::arg("high_m"), nb::arg("step_m"));
 }
+
+}  // namespace pillars

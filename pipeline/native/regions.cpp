@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <vector>
 
-namespace {
+namespace regions {
 
 // Successive points tested together: neighbours in a scan are neighbours in space.
 constexpr int64_t RUN = 16;
@@ -97,8 +97,8 @@ nb::object points_in_regions(In2<float> xyz, In3<double> planes) {
     return nb::make_tuple(numpy_of(rows), numpy_of(regions));
 }
 
-}  // namespace
-
-void add_regions(nb::module_ &kernels) {
+void add(nb::module_ &kernels) {
     kernels.def("points_in_regions", &points_in_regions, array("xyz"), array("planes"));
 }
+
+}  // namespace regions

@@ -7,7 +7,7 @@
 #include <memory>
 #include <vector>
 
-namespace {
+namespace relief {
 
 constexpr int64_t BLOCK = 512;  // sums made at once, so that they stay in the processor's cache
 
@@ -193,12 +193,12 @@ nb::object grown_surface(In2<double> xy, In1<double> heights_m, int64_t side, In
     return offsets_m.numpy();
 }
 
-}  // namespace
-
-void add_relief(nb::module_ &kernels) {
+void add(nb::module_ &kernels) {
     kernels.def("grown_surface", &grown_surface, array("xy"), array("heights_m"), nb::arg("side"), array("taps"),
                 array("counts"), array("near_m"), nb::arg("standing_m"), nb::arg("standing_weight"),
                 nb::arg("max_weight"), nb::arg("prior_weight"), nb::arg("fill_weight"));
     kernels.def("lowest_heights", &lowest_heights, array("points"), array("plane"), array("middle"), array("origin"),
                 nb::arg("cell_m"), nb::arg("side"), nb::arg("reach_m"), nb::arg("slope"), nb::arg("layer_m"));
 }
+
+}  // namespace relief

@@ -5,7 +5,7 @@
 #include <limits>
 #include <vector>
 
-namespace {
+namespace sight {
 
 nb::object hidden_below(In1<int64_t> first, In1<double> distance_m, In1<double> slope, In1<double> height_m,
                         In1<int64_t> sector, In1<double> far_m, In1<double> lidar_height_m, In1<int64_t> starts,
@@ -41,10 +41,10 @@ nb::object hidden_below(In1<int64_t> first, In1<double> distance_m, In1<double> 
     return found.numpy();
 }
 
-}  // namespace
-
-void add_sight(nb::module_ &kernels) {
+void add(nb::module_ &kernels) {
     kernels.def("hidden_below", &hidden_below, array("first"), array("distance_m"), array("slope"), array("height_m"),
                 array("sector"), array("far_m"), array("lidar_height_m"), array("starts"), nb::arg("from_m"),
                 nb::arg("max_nearer_share"), nb::arg("min_hidden_share"));
 }
+
+}  // namespace sight

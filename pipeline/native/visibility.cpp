@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-namespace {
+namespace visibility {
 
 // How the cells of a camera lie: the transform (4, 4) to it, low ends and cell sizes across and down.
 struct View {
@@ -63,9 +63,9 @@ nb::object nearest_in_cells(In3<float> matrices, In2<float> low, In2<float> cell
     return nearest.numpy();
 }
 
-}  // namespace
-
-void add_visibility(nb::module_ &kernels) {
+void add(nb::module_ &kernels) {
     kernels.def("nearest_in_cells", &nearest_in_cells, array("matrices"), array("low"), array("cell"), array("xyz"),
                 nb::arg("rows"), nb::arg("columns"), nb::arg("near_m"));
 }
+
+}  // namespace visibility
