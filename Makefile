@@ -1,9 +1,9 @@
 # make demo     process the sample recordings into out/
 # make gate     measure the outputs of the demo, and compare them with golden results
 # make quick    lint, types and the tests of what changed, without Ray, PyTorch and a simulated S3: for each commit
-# make test     lint, types, all tests
+# make test     lint, types, all tests but the slow ones, which start programs of others or take many seconds
 # make check    lint and types only
-# make coverage the tests once more, with the share of the lines that they run
+# make coverage all tests, the slow ones, too, and the share of the lines that they run: before a release, and every night
 # make fuzz     hostile inputs for every decoder, MINUTES=15 of them (Linux)
 # make campaign signals, kills, damaged and hostile inputs: MINUTES=30 of them (Linux)
 # make sanitize what the native module does, under the sanitizers of GCC for addresses and undefined behaviour
@@ -103,7 +103,7 @@ pytest: $(INSTALLED_ALL)
 
 # Half as long again: what is traced takes almost twice the time.
 coverage: $(INSTALLED_ALL)
-	$(BIN)/pytest $(PARALLEL) --cov --cov-report=term:skip-covered
+	$(BIN)/pytest $(PARALLEL) -m "" --cov --cov-report=term:skip-covered
 
 fuzz: $(INSTALLED_ALL)
 	$(BIN)/python tests/fuzz/fuzz.py $(MINUTES:%=--minutes=%)

@@ -48,6 +48,7 @@ def test_links_lead_somewhere() -> None:
     assert [key for key, path in files.items() if not path.exists()] == []
 
 
+@pytest.mark.slow
 def test_the_site_is_built_without_warnings(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
     done = subprocess.run(

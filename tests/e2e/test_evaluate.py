@@ -68,6 +68,7 @@ def test_a_workflow_pins_what_it_uses(path: Path) -> None:
     assert all(re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", one) for one in used)
 
 
+@pytest.mark.slow
 def test_the_workflow_runs(sandbox: Path, first_messages: dict[str, list[RawMessage]], tmp_path: Path) -> None:
     """All steps but the installation, in the shell that GitHub takes."""
     samples = tmp_path / "samples"

@@ -23,7 +23,7 @@ importlib.util.find_spec = lambda name, package=None: None if name in gone else 
 """
 
 
-def test_a_small_installation_processes_exports_and_shows_the_demo(sandbox: Path, tmp_path: Path) -> None:
+def test_a_small_installation_processes_and_exports(sandbox: Path, tmp_path: Path) -> None:
     part = ("--duration", 0.2, "--set", "detect3d.method=cluster")
     done = called_apart(
         tmp_path,
@@ -34,6 +34,10 @@ def test_a_small_installation_processes_exports_and_shows_the_demo(sandbox: Path
         ("compare", "out.mcap", "out.mcap"),
     )
     assert [one.code for one in done] == [0] * 4, done
+
+
+@pytest.mark.slow
+def test_a_small_installation_shows_the_demo(tmp_path: Path) -> None:
     (demo,) = called_apart(tmp_path, "gone = {'rerun', 'pyarrow'}" + WITHOUT, ("demo", "demo"))
     assert demo.code == 0, demo.err
     assert "lidcam view demo/sandbox.html (or .mcap)" in demo.out

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import nbformat
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOK = ROOT / "examples" / "first_look.ipynb"
@@ -24,8 +25,9 @@ def outputs_of(path: Path) -> list[list[str]]:
     ]
 
 
+@pytest.mark.slow
 def test_it_runs_and_is_stored_as_it_ran(tmp_path: Path) -> None:
-    """Slow: it starts a kernel of Jupyter, as its readers do."""
+    """It starts a kernel of Jupyter, as its readers do."""
     (empty := tmp_path / "empty").mkdir()
     copy = Path(shutil.copy(NOTEBOOK, empty))
     program = [str(Path(sys.executable).with_name("jupyter-execute")), "--inplace", copy.name]

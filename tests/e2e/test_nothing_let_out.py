@@ -115,6 +115,7 @@ def test_nothing_is_let_out(sandbox: Path, home: Path, command: str) -> None:
     assert list(home.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_spec("open3d") is None, reason="needs the extra sim")
 def test_nor_by_a_simulation(home: Path) -> None:
     # urllib3, which Open3D loads, tries out a socket of IPv6 that it binds to this machine: no phoning home.

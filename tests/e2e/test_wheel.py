@@ -14,6 +14,7 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from zipfile import ZipFile
 
+import pytest
 import trove_classifiers
 from builders import write_mcap
 from packaging.metadata import Metadata
@@ -80,6 +81,7 @@ def link_what_the_lock_names(packages: Path, programs: Path) -> None:
                     link.symlink_to(str(package.locate_file(file if is_program else file.parts[0])))
 
 
+@pytest.mark.slow
 def test_wheel_runs_elsewhere(tmp_path: Path) -> None:
     # sdist first, wheel from it: a file that the sdist lacks is missing from the wheel, too
     run(sys.executable, "-m", "build", "--no-isolation", "--outdir", tmp_path / "dist", cwd=ROOT)

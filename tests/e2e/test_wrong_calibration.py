@@ -13,7 +13,10 @@ from lidcam.readers.rig.schema import RigFile, parse_rig
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 TURN_RAD = np.radians(2.0)
 WRITTEN = {"output.images": False, "output.clouds": False, "run.workers": 1}
-SAMPLES = [("sandbox.bag", "cam43", 0.4), ("crossing.mcap", "camera_north_west", 1.6)]
+SAMPLES = [
+    ("sandbox.bag", "cam43", 0.4),
+    pytest.param("crossing.mcap", "camera_north_west", 1.6, marks=pytest.mark.slow),
+]
 
 
 def turned(recording: Path, name: str) -> RigFile:

@@ -60,6 +60,7 @@ def cluster() -> Iterator[Any]:
     cluster.shutdown()
 
 
+@pytest.mark.slow
 def test_a_batch_goes_on_without_a_node_that_is_gone_and_makes_what_processes_make(
     cluster: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -90,11 +91,13 @@ def _facts(record: JobRecord) -> tuple[object, ...]:
     return record.name, record.state, record.exit_code, record.message, record.outputs, record.key
 
 
+@pytest.mark.slow
 def test_a_cluster_without_room_is_told(cluster: Any) -> None:
     with pytest.raises(LidcamError, match="expected a node with 99 cores and 1500 MiB of memory, found none"):
         RayEngine(None, 99, cluster.address)
 
 
+@pytest.mark.slow
 def test_a_node_with_another_version_ends_the_batch(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     engine = RayEngine(1, 1, cluster.address)
     monkeypatch.setattr("lidcam.batches.ray.version", lambda _: "0.0.1")
@@ -137,6 +140,7 @@ print(*[one.message for one in engine.outcomes([lambda one: one.run(task, keep_o
 """Ports of Ray at 127.0.0.2 are open if it listens at all addresses of this machine."""
 
 
+@pytest.mark.slow
 def test_ray_on_this_machine_is_closed_and_leaves_nothing(tmp_path: Path) -> None:
     """Nor does it take code from the folder in which it is started."""
     (tmp_path / "lidcam.py").write_text("raise SystemExit('code of the folder')")

@@ -173,7 +173,8 @@ def test_stretches_are_a_share_of_the_recording(frames: int) -> None:
 def test_a_run_counts_each_message_once() -> None:
     settings = {"output.images": False, "run.workers": 1}
     first, second = (
-        lidcam.process(CROSSING, settings=settings | {"fuse.calibration": one}).summary for one in ("auto", "recorded")
+        lidcam.process(CROSSING, settings=settings | {"fuse.calibration": one}, duration_s=0.7).summary
+        for one in ("auto", "recorded")
     )
     assert first.inputs.messages_used == second.inputs.messages_used
     assert first.drops.messages == second.drops.messages
@@ -181,13 +182,13 @@ def test_a_run_counts_each_message_once() -> None:
 
 def test_a_lidar_may_end_with_the_first_stretch(crossing: RunInput) -> None:
     with patch("lidcam.run.first_look.later_stretches", side_effect=[[crossing.recording.end_ns]]) as asked:
-        lidcam.process(CROSSING, settings={"output.images": False, "run.workers": 1})
+        lidcam.process(CROSSING, settings={"output.images": False, "run.workers": 1}, duration_s=0.7)
     asked.assert_called_once()
 
 
 def test_no_box_is_looked_for_twice() -> None:
     with patch.object(Detect3D, "__call__", autospec=True, side_effect=Detect3D.__call__) as detect:
-        summary = lidcam.process(CROSSING, settings={"output.images": False, "run.workers": 1}).summary
+        summary = lidcam.process(CROSSING, settings={"output.images": False, "run.workers": 1}, duration_s=0.7).summary
     assert detect.call_count == summary.frames.count > 1
 
 

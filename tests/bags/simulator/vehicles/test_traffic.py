@@ -154,7 +154,9 @@ def test_who_cannot_be_driven() -> None:
 # --- the scenarios that come with lidcam
 
 
-@pytest.mark.parametrize("name", ["sandbox", "crossing", "vehicle"])
+@pytest.mark.parametrize(
+    "name", ["sandbox", *(pytest.param(one, marks=pytest.mark.slow) for one in ("crossing", "vehicle"))]
+)
 def test_traffic_flows_and_nobody_touches_anybody(name: str) -> None:
     scenario = load_scenario(name)
     moving = Traffic(scenario)

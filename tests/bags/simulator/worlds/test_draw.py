@@ -25,6 +25,7 @@ def test_a_seed_has_one_scenario_whose_world_can_be_built(family: Family) -> Non
     assert len(stage.scene.movers) == len(scenario.vehicles) - bool(scenario.ego)
 
 
+@pytest.mark.slow
 def test_sixty_seeds_have_seen_it_all() -> None:
     drawn = [random_scenario(get_args(Family)[seed % 3], seed) for seed in range(60)]
     users = [vehicle for scenario in drawn for vehicle in scenario.vehicles.values()]

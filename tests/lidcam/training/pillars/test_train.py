@@ -40,8 +40,9 @@ from lidcam.training.pillars.train import Judged, calibration, figures, mix_weig
 SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 
 
+@pytest.mark.slow
 def test_the_command(tmp_path: Path) -> None:
-    """Takes some seconds: sweeps and frames of a recording are learned from, and what is learned is used."""
+    """Sweeps and frames of a recording are learned from, and what is learned is used."""
     train = ["train", "pillars", "--family", "sandbox", "--workers", "1", "--out", "mine.onnx", "--steps", "2"]
     done = called(tmp_path, *train, "--recordings", SANDBOX)
     assert done.code == 0, done.err
