@@ -8,6 +8,9 @@ from lidcam.run.choice import UsedSettings
 from lidcam.run.scene import MODEL_EXTENT_M, judge, measure_scene, scene_text
 from lidcam.run.warning import RunWarning
 
+MAX_EXTENT_M = 2000.0
+"""Maximum width of clouds in metres: no lidar sees further."""
+
 REMEDY = "look for the first step that leaves nothing, and for the setting beside it"
 
 
@@ -72,6 +75,9 @@ class ObjectCheck:
         size = self._settings.size or measure_scene(self._recording, self._rig, self._config)
         if size is None:
             return REMEDY
+        if size.extent_m[0] > MAX_EXTENT_M:
+            extent = " x ".join(f"{value:.0f}" for value in size.extent_m)
+            return f"clouds of {extent} m are probably in millimetres: record them in metres (REP 103)"
         preset, condition = judge(size, moves=self._moves), ""
         if size.lidar_height_m is None:  # the extent alone says little
             preset = "sandbox" if size.extent_m[0] < MODEL_EXTENT_M else self._settings.name

@@ -16,6 +16,7 @@ from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import RecordedDetector, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.run.choice import AS_GIVEN, UsedSettings
+from lidcam.run.scene import SceneSize
 from lidcam.run.warning import RunWarning
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -54,6 +55,12 @@ def warnings_of(
     for one in frames:
         check.add_frame(one)
     return check.warnings
+
+
+def test_clouds_in_millimetres() -> None:
+    used = replace(AS_GIVEN, size=SceneSize((78000.0, 40000.0), None))
+    (warning,) = warnings_of(flat(1000), used=used)
+    assert warning.remedy == "clouds of 78000 x 40000 m are probably in millimetres: record them in metres (REP 103)"
 
 
 def flat(count: int) -> FrameResult:
