@@ -73,7 +73,7 @@ MAX_LINES = {
     "pipeline/fusion": (2810, 1520),
     "pipeline/native": (3530, 0),
     "pipeline/parallel": (960, 600),
-    "pipeline/stages": (3070, 3160),
+    "pipeline/stages": (3120, 3210),
     "pipeline/tracking": (2200, 980),
     "readers": (860, 520),
     "readers/files": (3430, 1940),

@@ -28,6 +28,7 @@ from lidcam.pipeline.stages.associate import Associate
 from lidcam.pipeline.stages.believe import Believe
 from lidcam.pipeline.stages.classify import Classify
 from lidcam.pipeline.stages.combine import Combine
+from lidcam.pipeline.stages.doubt import DoubtHeadings
 from lidcam.pipeline.stages.fuse import Fuse
 from lidcam.pipeline.stages.odometry import FindOdometry
 from lidcam.pipeline.stages.place import Place
@@ -80,6 +81,7 @@ def build_graph(
     reshape = Reshape(fitter, config.detect3d, config.classes)
     hypotheses = graph.add_stage("reshape", reshape, combined, hypotheses, lidar)
     hypotheses = graph.add_stage("refine", Refine(rig, config.fuse), hypotheses, boxes2d, views)
+    hypotheses = graph.add_stage("doubt", DoubtHeadings(config.detect3d, config.classes), hypotheses)
     look = partial(find_visibility, agreement=class_agreement(config.classes, riders))
     visibility = graph.add_stage("visibility", look, hypotheses, boxes2d, views, combined)
     believe = Believe(
