@@ -3,7 +3,7 @@
 # make quick    lint, types and the tests of what changed, without Ray, PyTorch and a simulated S3: for each commit
 # make test     lint, types, all tests but the slow ones, which start programs of others or take many seconds
 # make check    lint and types only
-# make coverage all tests, the slow ones, too, and the share of the lines that they run: before a release, and every night
+# make coverage all tests, slow ones too, and the share of the lines that they run: before a release, and every night
 # make fuzz     hostile inputs for every decoder, MINUTES=15 of them (Linux)
 # make campaign signals, kills, damaged and hostile inputs: MINUTES=30 of them (Linux)
 # make sanitize what the native module does, under the sanitizers of GCC for addresses and undefined behaviour

@@ -22,7 +22,7 @@ It is alike in simulation, where trucks with more than 60 points err by 1 degree
 """
 
 FEW_POINTS = 20
-"""Number of points up to which that holds; the share falls with the square of more."""
+"""Number of points up to which `WRONG_HEADING_SHARE` holds; beyond, it falls with the square of the number."""
 
 ANY_HEADING_VARIANCE = np.pi**2 / 12
 """Variance of an axis of which nothing is known, rad^2."""

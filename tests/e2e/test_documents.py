@@ -53,8 +53,8 @@ EXCEPTIONS = {
     r".*--(install|show)-completion": "asks which shell it is called from: test_calling does that",
 }
 
-SLOW = ("lidcam batch ", "lidcam drive", "lidcam simulate (random|vehicle|crossing) ", ".* --check", "python ")
-"""Commands that take seconds even so."""
+SLOW = r"lidcam batch |lidcam drive|lidcam simulate (random|vehicle|crossing) |.* --check|python "
+"""Commands that take seconds even if shortened."""
 
 INCOMPLETE = {"lidcam inspect broken.bag --repair whole.mcap", "lidcam inspect drive.bag --rig original"}
 """Commands that end with 3 beside these files, as their pages say."""
@@ -171,10 +171,6 @@ def exceptions_to(command: str) -> list[str]:
     return [pattern for pattern in EXCEPTIONS if re.match(pattern, command)]
 
 
-def is_slow(command: str) -> bool:
-    return any(re.match(pattern, command) for pattern in SLOW)
-
-
 def shortened(words: list[str]) -> list[str]:
     """The same command for less of a recording: the stand-ins last two seconds, and simulations take their time."""
     words = ["lidcam-process" if words[:2] == ["lidcam", "process"] else words[0], *words[1:]]
@@ -239,7 +235,9 @@ def url() -> Iterator[str]:
         yield server.url
 
 
-@pytest.mark.parametrize("command", [pytest.param(one, marks=[pytest.mark.slow] * is_slow(one)) for one in COMMANDS])
+@pytest.mark.parametrize(
+    "command", [pytest.param(one, marks=[pytest.mark.slow] * bool(re.match(SLOW, one))) for one in COMMANDS]
+)
 def test_commands_do_what_they_say(command: str, url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = [PLACEHOLDERS.get(word, word) for word in shlex.split(command.replace("https://host", url))]
     for name in set(words) & (STAND_INS.keys() - outputs_of(words)):
