@@ -149,7 +149,8 @@ def fitted(
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     with torch.random.fork_rng():
         torch.manual_seed(seed)
-        network = PillarNetwork(len(classes)).to(device)
+        network = PillarNetwork(len(classes))
+    network.to(device)
     optimiser = torch.optim.AdamW(network.parameters(), MAX_RATE, weight_decay=DECAY)
     step, mean_loss, history = 0, float("nan"), []
     if checkpoint.path.exists():
@@ -174,7 +175,7 @@ def fitted(
                 group["lr"] = max_rate * share
             optimiser.zero_grad()
             loss = _loss(network, batch, checkpoint.bfloat16, device)
-            loss.backward()  # type: ignore[no-untyped-call]  # torch has no types for it
+            loss.backward()
             nn.utils.clip_grad_norm_(network.parameters(), MAX_GRADIENT)
             optimiser.step()
             step += 1

@@ -21,7 +21,7 @@ LIKELY = 0.01
 """Probability of an object in each cell before anything is learned."""
 
 
-class PillarNetwork(nn.Module):
+class PillarNetwork(nn.Module):  # type: ignore[misc]  # mypy skips torch
     """Turns the points in pillars into the numbers of each cell of the output."""
 
     def __init__(self, classes: int) -> None:
