@@ -74,7 +74,7 @@ MAX_LINES = {
     "pipeline/native": (3530, 0),
     "pipeline/parallel": (960, 600),
     "pipeline/stages": (3120, 3210),
-    "pipeline/tracking": (2200, 980),
+    "pipeline/tracking": (2220, 990),
     "readers": (860, 520),
     "readers/files": (3430, 1940),
     "readers/messages": (3250, 2500),

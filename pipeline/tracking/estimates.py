@@ -12,8 +12,6 @@ from typing import Self
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Table, first_of_runs
-from lidcam.pipeline.core.geometry.boxes import rotations_2d
-from lidcam.pipeline.fusion.refining.box_prior import MAX_SIZE_SIGMA, MIN_ANCHOR, SEEN_SIZE_SIGMA
 from lidcam.pipeline.tracking.motion import HEADING, SPEED, STATE, TURN, Motions, Priors, at_centers, at_rear_axles
 from lidcam.pipeline.tracking.sightings import (
     MIN_FRONT_TRAVEL,
@@ -21,7 +19,9 @@ from lidcam.pipeline.tracking.sightings import (
     SHARED_ERROR,
     Scene,
     Sightings,
+    extent_sigmas_m,
     measurement_covariances,
+    size_weights,
 )
 from lidcam.pipeline.tracking.smoothing import FRAME_CORRELATION, Cells, Courses, smoothed
 from lidcam.pipeline.tracking.standing import (
@@ -218,32 +218,17 @@ def _sizes(
     Boxes of the track's class count, and those of a class that is a little longer. Where points reach beyond the ends
     of a box, it is longer by up to a standard deviation of its length.
     """
-    sightings = hits.sightings
-    extents, sigmas_m = sightings.sizes.copy(), _extent_sigmas_m(sightings)
-    extents[:, 0] = np.fmax(extents[:, 0], np.minimum(end_distances_m, extents[:, 0] + sigmas_m[:, 0]))
+    sightings, are_solid = hits.sightings, of_class.are_solid
+    extents = sightings.sizes.copy()
+    max_lengths_m = extents[:, 0] + extent_sigmas_m(sightings)[:, 0]
+    extents[:, 0] = np.fmax(extents[:, 0], np.minimum(end_distances_m, max_lengths_m))
     ratios = priors.lengths_m[sightings.class_ids] / of_class.lengths_m[hits.tracks]
     shows_whole = (ratios >= 1.0) & (ratios < MAX_LENGTH_RATIO)
-    weights = np.where(shows_whole, sightings.beliefs, 1e-9) * np.maximum(sightings.point_counts, 1)
-    of_sides = np.where(
-        of_class.are_solid[hits.tracks, None], sightings.side_views * (sightings.sizes[:, :2] / sigmas_m) ** 2, 1.0
-    )
-    shares, groups = np.where(of_class.are_solid, SIZE_QUANTILE, 0.5), (hits.tracks, len(hits))
-    found = [weighted_quantiles(extents[:, axis], weights * of_sides[:, axis], *groups, shares) for axis in (0, 1)]
-    found.append(weighted_quantiles(extents[:, 2], weights, *groups, 0.5))
+    weights = size_weights(sightings, np.where(shows_whole, sightings.beliefs, 1e-9), are_solid[hits.tracks])
+    sides, groups = np.where(are_solid, SIZE_QUANTILE, 0.5), (hits.tracks, len(hits))
+    shares = sides, sides, np.full(len(hits), 0.5)
+    found = [weighted_quantiles(extents[:, axis], weights[:, axis], *groups, shares[axis]) for axis in range(3)]
     return np.where(np.isnan(history.sizes), np.stack(found, 1), history.sizes)
-
-
-def _extent_sigmas_m(sightings: Sightings) -> F64:
-    """(H, 2) standard deviations of length and width by the covariances of the boxes.
-
-    Where a side was not seen, the middle is as uncertain along the box as half the extent; where both were, it is no
-    more so than across.
-    """
-    turn, extents = rotations_2d(sightings.boxes[:, 2]), sightings.sizes[:, :2]
-    variances = np.diagonal(turn.swapaxes(1, 2) @ sightings.covariances[:, :2, :2] @ turn, axis1=1, axis2=2)
-    levers = np.maximum(np.abs(sightings.sides) / 2, MIN_ANCHOR)
-    sigmas_m = np.sqrt(variances - variances.min(1, keepdims=True)) / levers
-    return np.asarray(np.clip(sigmas_m, SEEN_SIZE_SIGMA * extents, MAX_SIZE_SIGMA * extents))
 
 
 def _resized_boxes(hits: _Hits, sizes: F64) -> F64:

@@ -4,7 +4,7 @@ Predicted tracks and the sightings of a frame are assigned to each other at the 
 those that the frame by itself reports, then the improbable ones, which may only continue a known track (the two stages
 of ByteTrack: Zhang et al., ECCV 2022). The cost is the negative log likelihood of position, heading and class. The log
 odds of the existence of a track change with each sighting and each miss (Musicki and Evans, Joint integrated
-probabilistic data association, 2004).
+probabilistic data association, 2004). Its size is the mean of its boxes, of which those with many points count more.
 """
 
 from dataclasses import dataclass, replace
@@ -41,6 +41,7 @@ from lidcam.pipeline.tracking.sightings import (
     Sightings,
     TrackRows,
     measurement_covariances,
+    size_weights,
 )
 
 MAX_DISTANCE = 16.0
@@ -133,7 +134,7 @@ class _Live(Table):
 
     @property
     def sizes(self) -> F64:
-        return self.size_sums / self.size_weights[:, None]
+        return self.size_sums / self.size_weights
 
 
 class OnlineTracker:
@@ -238,6 +239,7 @@ class OnlineTracker:
         boxes, slopes = expected(seen.motions, sightings.later_s, seen.rear_m)
         after = updated(seen.motions, innovations(sightings.boxes, boxes), slopes, noise, ROBUST_DISTANCE)
         after = with_possible_turns(after, self._priors.noise[seen.class_ids, -1])
+        weights = size_weights(sightings, beliefs, self._priors.are_solid[seen.class_ids])
         votes = seen.votes.copy()
         votes[np.arange(len(seen)), sightings.class_ids] += beliefs
         agreement = np.sign(np.cos(sightings.boxes[:, 2] - after.states[:, HEADING]))
@@ -252,8 +254,8 @@ class OnlineTracker:
             seen_s=np.full(len(seen), self._now_s),
             hits=seen.hits + 1,
             front_votes=seen.front_votes + beliefs * sightings.show_front * agreement,
-            size_sums=seen.size_sums + beliefs[:, None] ** 2 * sightings.sizes,
-            size_weights=seen.size_weights + beliefs**2,
+            size_sums=seen.size_sums + weights * sightings.sizes,
+            size_weights=seen.size_weights + weights,
             heights_m=sightings.heights_m,
             shared_covariances=SHARED_ERROR * noise[:, :2, :2],
         )
@@ -315,6 +317,7 @@ class OnlineTracker:
         log_odds = EVIDENCE_WEIGHT * (logit(beliefs) + DOUBT_LOG_ODDS * len(self._recent_s))
         votes = np.full((n, len(self._priors)), 1e-3)
         votes[np.arange(n), sightings.class_ids] += beliefs
+        weights = size_weights(sightings, beliefs, self._priors.are_solid[sightings.class_ids])
         first_id, self._next_id = self._next_id, self._next_id + n
         return _Live(
             ids=np.arange(first_id, first_id + n),
@@ -328,8 +331,8 @@ class OnlineTracker:
             hits=np.ones(n, np.int64),
             along_m=np.zeros(n),
             front_votes=beliefs * sightings.show_front,
-            size_sums=beliefs[:, None] ** 2 * sightings.sizes,
-            size_weights=beliefs**2,
+            size_sums=weights * sightings.sizes,
+            size_weights=weights,
             heights_m=sightings.heights_m,
             rear_m=np.zeros(n),
             fronts_known=np.zeros(n, np.bool_),

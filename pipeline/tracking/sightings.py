@@ -9,7 +9,9 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64, I32, I64, U8, Bools, Table, first_of_runs, join_rows
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Fused
+from lidcam.pipeline.core.geometry.boxes import rotations_2d
 from lidcam.pipeline.core.geometry.regions import points_in_footprints
+from lidcam.pipeline.fusion.refining.box_prior import MAX_SIZE_SIGMA, MIN_ANCHOR, SEEN_SIZE_SIGMA
 from lidcam.pipeline.tracking.motion import Priors
 
 NOT_SEEN = -1
@@ -165,6 +167,35 @@ def measurement_covariances(sightings: Sightings, priors: Priors) -> F64:
     noise[:, 2, 2] = np.where(of_class.show_axis, noise[:, 2, 2] + EXTRA_YAW_SIGMA_RAD**2, NO_AXIS_VARIANCE)
     noise[:, :2, 2] = noise[:, 2, :2] = 0.0
     return noise
+
+
+def size_weights(sightings: Sightings, beliefs: F64, are_solid: Bools) -> F64:
+    """(N, 3) weights of the sizes of boxes in those of their tracks.
+
+    They rise with the number of points and with how well the covariances say that both ends were seen.
+
+    Args:
+        sightings: N sightings.
+        beliefs: (N,) probabilities that the box shows the whole object.
+        are_solid: (N,) whether points show both ends of the class of the track.
+    """
+    weights = np.tile((beliefs * np.maximum(sightings.point_counts, 1))[:, None], 3)
+    of_sides = sightings.side_views * (sightings.sizes[:, :2] / extent_sigmas_m(sightings)) ** 2
+    weights[:, :2] *= np.where(are_solid[:, None], of_sides, 1.0)
+    return weights
+
+
+def extent_sigmas_m(sightings: Sightings) -> F64:
+    """(N, 2) standard deviations of length and width by the covariances of the boxes.
+
+    Where a side was not seen, the middle is as uncertain along the box as half the extent; where both were, it is no
+    more so than across.
+    """
+    turn, extents = rotations_2d(sightings.boxes[:, 2]), sightings.sizes[:, :2]
+    variances = np.diagonal(turn.swapaxes(1, 2) @ sightings.covariances[:, :2, :2] @ turn, axis1=1, axis2=2)
+    levers = np.maximum(np.abs(sightings.sides) / 2, MIN_ANCHOR)
+    sigmas_m = np.sqrt(variances - variances.min(1, keepdims=True)) / levers
+    return np.asarray(np.clip(sigmas_m, SEEN_SIZE_SIGMA * extents, MAX_SIZE_SIGMA * extents))
 
 
 def find_end_points(fused: Fused, combined: CombinedCloud) -> F64:

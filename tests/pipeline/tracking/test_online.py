@@ -52,6 +52,19 @@ def test_wrong_headings_do_not_set_what_stands_spinning() -> None:
     assert abs(np.sin(states[-1, HEADING])) < 0.1
 
 
+@pytest.mark.parametrize("few", [5, 50])
+def test_its_size_is_that_of_the_boxes_with_many_points(few: int) -> None:
+    """A car that comes near: the short boxes of its first frames are soon outweighed."""
+    frames = scene([Mover(straight(40, 0, np.pi, 8.0))], 20)
+    for one in frames[:10]:
+        one.sightings.sizes[:, 0], one.sightings.point_counts[:] = 3.0, few
+    for one in frames[10:]:
+        one.sightings.point_counts[:] = 500
+    lengths_m = [row.sizes[0, 0] for row in tracked(frames)]
+    assert lengths_m[9] == pytest.approx(3.0)
+    assert lengths_m[11] == pytest.approx(3.0 + 1000 / (1000 + 10 * few))
+
+
 def test_cars_that_pass_each_other_keep_their_numbers() -> None:
     movers = [Mover(straight(-20, 0, 0, 10.0)), Mover(straight(20, 3.5, np.pi, 10.0))]
     rows = tracked(scene(movers, 40))
