@@ -53,7 +53,7 @@ EXCEPTIONS = {
     r".*--(install|show)-completion": "asks which shell it is called from: test_calling does that",
 }
 
-SLOW = r"lidcam batch |lidcam drive|lidcam simulate (random|vehicle|crossing) |.* --check|python "
+SLOW = r"lidcam[- ](process|report|batch|drive) |lidcam simulate (random|vehicle|crossing) |.* --check|python "
 """Commands that take seconds even if shortened."""
 
 INCOMPLETE = {"lidcam inspect broken.bag --repair whole.mcap", "lidcam inspect drive.bag --rig original"}

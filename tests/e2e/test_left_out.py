@@ -60,6 +60,7 @@ def refused(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[li
     return called_apart(folder, "gone = {'rerun', 'pyarrow', 'jinja2'}" + WITHOUT, *commands), folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", range(len(COMMANDS)), ids=[line for _, line in COMMANDS])
 def test_what_needs_a_package_says_so_in_one_line(refused: tuple[list[Run], Path], row: int) -> None:
     (package, _), (runs, folder) = COMMANDS[row], refused

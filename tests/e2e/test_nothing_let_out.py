@@ -104,6 +104,7 @@ def test_the_watch_sees_native_code_and_children(home: Path, code: str) -> None:
     assert watched(home, "-c", code).returncode in {KILLED, 256 + KILLED}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command", ["inspect BAG", "process BAG out.mcap --duration 0.3 --rerun out.rrd --model-2d net.onnx"]
 )

@@ -22,6 +22,8 @@ from lidcam.batches.run import BatchOptions, run_batch
 from lidcam.readers.location import RemotePath
 from lidcam.run.job import Job
 
+pytestmark = pytest.mark.slow
+
 SHORT = ("--duration", "0.4", "--set", "output.images=false", "--set", CLUSTERS, "--workers", 1, "-q")
 
 

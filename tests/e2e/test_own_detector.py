@@ -9,6 +9,8 @@ from mcap.reader import make_reader
 
 import lidcam
 
+pytestmark = pytest.mark.slow
+
 CROSSING = Path(__file__).resolve().parents[2] / "bags" / "crossing.mcap"
 
 ENGINE = '''

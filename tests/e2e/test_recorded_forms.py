@@ -21,6 +21,8 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 
+pytestmark = pytest.mark.slow
+
 Sensors = dict[str, list[RawMessage]]
 
 

@@ -43,6 +43,7 @@ def content_of(path: Path) -> tuple[list[Any], dict[str, str]]:
     return messages + attachments, metadata
 
 
+@pytest.mark.slow
 def test_window_of_a_recording_on_a_server(
     lidcam: Lidcam, recording: Path, server: RangeServer, url: str, tmp_path: Path
 ) -> None:

@@ -19,6 +19,8 @@ from video import compressed_video, encode, psnr_db
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.messages.image import decode_any_image
 
+pytestmark = pytest.mark.slow
+
 GOP = 3
 NUMBERS = (11, 12, 13, 14, 41, 42, 43, 44)
 IMAGE_TOPICS = [f"/image_raw_{number}/compressed" for number in NUMBERS]

@@ -96,6 +96,7 @@ def is_at_work(run: subprocess.Popen[str]) -> bool:
     return "held\n" in iter(run.stderr.readline, "")
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_all_processes_at_once(run: subprocess.Popen[str], tmp_path: Path) -> None:
     assert is_at_work(run)  # the first look had a process of its own
     other = other_process(run)

@@ -47,6 +47,7 @@ def test_sound_inputs_and_such_that_were_found(name: str) -> None:
         HARNESSES[name].run(data)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HARNESSES)
 def test_altered_inputs(name: str) -> None:
     harness = HARNESSES[name]

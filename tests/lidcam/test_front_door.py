@@ -163,9 +163,8 @@ def short_drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    "page", [pytest.param(path, marks=[pytest.mark.slow] * (path.name != "README.md"), id=path.name) for path in PAGES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [pytest.param(path, id=path.name) for path in PAGES])
 def test_examples_of_the_documents_run(page: Path, tmp_path: Path, short_drive: Path) -> None:
     """All blocks of a page as one script, beside a recording of the name that they use."""
     blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)

@@ -38,7 +38,10 @@ def told(summary: lidcam.RunSummary) -> dict[str, Any]:
     return {**tree, "outputs": [], "warnings": [asdict(warning) for warning in summary.warnings]}
 
 
-@pytest.mark.parametrize(("name", "duration_s", "workers"), [("sandbox.bag", 0.4, 3), ("drive.mcap", None, 2)])
+@pytest.mark.parametrize(
+    ("name", "duration_s", "workers"),
+    [pytest.param("sandbox.bag", 0.4, 3, marks=pytest.mark.slow), ("drive.mcap", None, 2)],
+)
 def test_same_bytes_and_same_summary(name: str, duration_s: float | None, workers: int, tmp_path: Path) -> None:
     recording = ROOT / "bags" / name
     if name == "drive.mcap":

@@ -26,6 +26,7 @@ def examples(count: int, seed: int = 0) -> Examples:
     return Examples(features, np.where(draw.random(count) < 0.1, draw.integers(0, 5, count), kinds))
 
 
+@pytest.mark.slow
 def test_several_lidars_on_masts_see_all_kinds_in_two_worlds() -> None:
     """Takes two seconds: worlds are built and cast."""
     worlds = list(examples_of_worlds("crossing", range(2), workers=1))
@@ -45,6 +46,7 @@ def test_a_box_is_what_stands_nearest_within_its_gate() -> None:
     assert kinds_of_boxes(boxes[:0], truth, kinds).shape == (0,)
 
 
+@pytest.mark.slow
 def test_what_shows_is_learned_the_same_again_and_calibrated(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in {
         "EPOCHS": 12,

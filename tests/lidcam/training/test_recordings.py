@@ -95,6 +95,7 @@ def test_what_makes_a_track_sure(score: float, seen: int, track: int, is_sure: b
         assert truth.centers[:, 0].tolist() == [0, 20]
 
 
+@pytest.mark.slow
 def test_of_many_frames_some_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recordings, "MAX_FRAMES", 6)
     monkeypatch.setattr(recordings, "MIN_FRAMES", 3)

@@ -126,6 +126,7 @@ def test_only_a_better_network_is_written(
         assert not [*tmp_path.iterdir()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "error"),
     [

@@ -85,6 +85,7 @@ def made_rounds(_source: Source, _seed: int, first: int, last: int, _workers: in
     yield from map(scenes_of_a_round, range(first, last))
 
 
+@pytest.mark.slow
 def test_a_training_that_was_killed_goes_on_to_the_same_weights(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
