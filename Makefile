@@ -35,7 +35,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: demo gate golden quick test check pytest coverage fuzz campaign sanitize samples bench numbers site locks
 .DELETE_ON_ERROR:
 
-$(PACKAGES): constraints-run.txt
+$(PACKAGES): constraints-run.txt constraints-uv.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "lidcam needs Python 3.11 or newer, found " + sys.version.split()[0] + ": set PYTHON=python3.12 or the like")'
 	$(PYTHON) -m venv .venv
 	@echo 'Installing lidcam into .venv: 390 MB to fetch, once'

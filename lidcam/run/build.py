@@ -36,7 +36,6 @@ from lidcam.pipeline.stages.propose import Propose, Proposed
 from lidcam.pipeline.stages.refine import Refine
 from lidcam.pipeline.stages.reshape import Reshape
 from lidcam.pipeline.stages.views import Views
-from lidcam.pipeline.tracking.sightings import find_end_points
 from lidcam.readers.rig.sensor_topics import CLOUD
 from lidcam.readers.streams.decoders import CloudDecoder, OnBadMessage
 from lidcam.run.box_sources import KnownBoxes, add_boxes2d, add_boxes3d, box_source, engine_3d, network_3d
@@ -101,7 +100,7 @@ def build_graph(
     if config.track.mode != "none" and config.track.odometry == "auto" and rig.lidars:
         find = partial(_with_odometry, FindOdometry(), rig.site_frame)
         result = graph.add_stage("odometry", find, result, ordered=True)
-    return graph, graph.add_stage("ends", _with_end_points, result) if config.track.mode == "offline" else result
+    return graph, result
 
 
 def decided(config: Config, rig: Rig) -> Config:
@@ -134,10 +133,6 @@ def _hypotheses(
 
 def _detections(lidar: Boxes3D, boxes2d: Mapping[str, Boxes2D], placed: Placed) -> Detections:
     return Detections(lidar, boxes2d, placed.boxes if boxes2d else None)
-
-
-def _with_end_points(result: FrameResult) -> FrameResult:
-    return replace(result, end_points=find_end_points(result.fused, result.combined))
 
 
 class _Unused(NamedTuple):

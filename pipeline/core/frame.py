@@ -131,8 +131,6 @@ class FrameResult:
         drops: Messages of the bundle that could not be used.
         unused_boxes: Recorded 2D boxes that could not be used, by reason.
         unused_boxes3d: Recorded 3D boxes that could not be used, by reason.
-        end_points: (N, 2, 3) float64, foremost and rearmost point of each object that the frame by itself reports: x
-            and y in the site frame, and seconds after the frame's stamp; None without an offline tracker.
         odometry: Pose of the site frame as the clouds say; None where the rig stands where it stood at first, and where
             this is not sought: with recorded motion, or without tracks.
     """
@@ -147,7 +145,6 @@ class FrameResult:
     drops: tuple[Drop, ...] = ()
     unused_boxes: Mapping[str, int] = field(default_factory=dict)
     unused_boxes3d: Mapping[str, int] = field(default_factory=dict)
-    end_points: F64 | None = None
     odometry: OdometryPose | None = None
 
     __repr__ = brief

@@ -19,7 +19,6 @@ from lidcam.pipeline.tracking.sightings import (
     SHARED_ERROR,
     Scene,
     Sightings,
-    extent_sigmas_m,
     measurement_covariances,
     size_weights,
 )
@@ -47,10 +46,6 @@ them."""
 MAX_LENGTH_RATIO = 1.5
 """Maximum ratio of the length of another class, whose boxes count for the size of a track, to that of its class: in
 some frames a lorry is a bus. Boxes of shorter classes are parts."""
-
-MIN_SIDE_VIEW = 0.25
-"""Minimum sine of the angle between the view and the length; in line with it, what lies beyond the far end is another
-object."""
 
 FRONT_PRIOR_VOTES = 0.5
 """Votes for each end before any box (Jeffreys' prior of a share)."""
@@ -164,14 +159,14 @@ def estimated(scene: Scene, track_of: I64, priors: Priors, history: History | No
     noise[~of_class.show_axis[hits.tracks], 2, 2] = FRAME_CORRELATION * NO_AXIS_VARIANCE
     noise[~hits.sightings.are_reported] *= WEAK_NOISE
 
-    boxes = _resized_boxes(hits, _sizes(hits, priors, of_class, history))
+    sizes = _sizes(hits, priors, of_class, history)
+    boxes = _resized_boxes(hits, sizes)
     free = _solved(scene, hits, _initial_courses(scene, hits, boxes, noise, of_class), boxes, noise)
     free, standing = _with_parked(scene, free, of_class)
     turned, fronts_known = _fronts(scene, hits, free, standing, of_class, history)
 
-    sizes = _sizes(hits, priors, of_class, history, _distances_of_ends(hits, free, of_class))
     courses = _restarted(free, turned, standing, of_class.rear_m(sizes[:, 0]))
-    solution = _solved(scene, hits, courses, _resized_boxes(hits, sizes), noise, standing)
+    solution = _solved(scene, hits, courses, boxes, noise, standing)
     cells, motions = solution.cells, solution.motions
     sightings = np.full(len(cells), -1, np.int64)
     sightings[solution.cell_of_hit] = hits.rows
@@ -210,24 +205,15 @@ def _hits(scene: Scene, track_of: I64) -> _Hits:
     return _Hits(tracks, rows, scene.frames[rows], firsts, lasts, scene.sightings.select(rows))
 
 
-def _sizes(
-    hits: _Hits, priors: Priors, of_class: Priors, history: History, end_distances_m: F64 | float = np.nan
-) -> F64:
-    """(T, 3) sizes by the history, else quantiles of boxes; distances (H,) of the ends, or NaN.
-
-    Boxes of the track's class count, and those of a class that is a little longer. Where points reach beyond the ends
-    of a box, it is longer by up to a standard deviation of its length.
-    """
+def _sizes(hits: _Hits, priors: Priors, of_class: Priors, history: History) -> F64:
+    """(T, 3) sizes by the history, else quantiles of the boxes of its class, and of one that is a little longer."""
     sightings, are_solid = hits.sightings, of_class.are_solid
-    extents = sightings.sizes.copy()
-    max_lengths_m = extents[:, 0] + extent_sigmas_m(sightings)[:, 0]
-    extents[:, 0] = np.fmax(extents[:, 0], np.minimum(end_distances_m, max_lengths_m))
     ratios = priors.lengths_m[sightings.class_ids] / of_class.lengths_m[hits.tracks]
     shows_whole = (ratios >= 1.0) & (ratios < MAX_LENGTH_RATIO)
     weights = size_weights(sightings, np.where(shows_whole, sightings.beliefs, 1e-9), are_solid[hits.tracks])
     sides, groups = np.where(are_solid, SIZE_QUANTILE, 0.5), (hits.tracks, len(hits))
     shares = sides, sides, np.full(len(hits), 0.5)
-    found = [weighted_quantiles(extents[:, axis], weights[:, axis], *groups, shares[axis]) for axis in range(3)]
+    found = [weighted_quantiles(sightings.sizes[:, axis], weights[:, axis], *groups, shares[axis]) for axis in range(3)]
     return np.where(np.isnan(history.sizes), np.stack(found, 1), history.sizes)
 
 
@@ -344,13 +330,3 @@ def _restarted(solution: _Pass, turned: Bools, standing: Bools, rear_m: F64) -> 
     states = at_rear_axles(Motions(states, covariances), rear_m).states
     covariances[:, HEADING, HEADING] = np.minimum(covariances[:, HEADING, HEADING], 0.5**2)
     return replace(courses, states=states, covariances=covariances, rear_m=rear_m)
-
-
-def _distances_of_ends(hits: _Hits, free: _Pass, of_class: Priors) -> F64:
-    """(H,) distance between foremost and rearmost point, less the motion between them; NaN where not measured."""
-    states, yaws, ends = free.motions.states[free.cell_of_hit], hits.sightings.boxes[:, 2], hits.sightings.end_points
-    between = ends[:, 0] - ends[:, 1]
-    along = between[:, 0] * np.cos(yaws) + between[:, 1] * np.sin(yaws)
-    along -= states[:, SPEED] * np.cos(states[:, HEADING] - yaws) * between[:, 2]
-    is_side_view = hits.sightings.side_views[:, 0] > MIN_SIDE_VIEW
-    return np.where(of_class.are_solid[hits.tracks] & is_side_view, np.abs(along), np.nan)

@@ -41,17 +41,12 @@ class SightingsOf:
         reported = frame.fused.objects.class_ids < self._class_count
         are_reported[frame.fused.rows[reported]] = True
         rows = np.flatnonzero(are_reported | (beliefs >= MIN_BELIEF))
-        end_points = np.full((len(boxes), 2, 3), np.nan)
-        if frame.end_points is not None:
-            end_points[frame.fused.rows] = frame.end_points
         chosen, turn = boxes.select(rows), T_fixed_site[:2, :2]
         centers = chosen.centers @ T_fixed_site[:3, :3].T + T_fixed_site[:3, 3]
         yaws = wrap_angle(chosen.yaws + np.arctan2(turn[1, 0], turn[0, 0]))
         rotation = np.eye(3)
         rotation[:2, :2] = turn
         sides, side_views = _seen_from(chosen, self._lidars)
-        end_points = end_points[rows]
-        end_points[..., :2] = end_points[..., :2] @ turn.T + T_fixed_site[:2, 3]
         sightings = Sightings(
             rows=rows,
             boxes=np.column_stack([centers[:, :2], yaws]),
@@ -67,7 +62,6 @@ class SightingsOf:
             sources=chosen.sources,
             sides=sides,
             side_views=side_views,
-            end_points=end_points,
             show_front=(rows < frame.hypotheses.lidar_count) & self._lidars_show_front,
         )
         return FrameSightings(frame.bundle.stamp_ns, T_fixed_site, sightings)

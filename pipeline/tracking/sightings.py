@@ -1,16 +1,12 @@
 """Input and output of trackers, in the fixed frame: the sightings of a frame, and its tracks."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Self
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, I64, U8, Bools, Table, first_of_runs, join_rows
-from lidcam.pipeline.core.clouds import CombinedCloud
-from lidcam.pipeline.core.detections import Fused
+from lidcam.pipeline.core.arrays import F64, I32, I64, U8, Bools, Table, join_rows
 from lidcam.pipeline.core.geometry.boxes import rotations_2d
-from lidcam.pipeline.core.geometry.regions import points_in_footprints
 from lidcam.pipeline.fusion.refining.box_prior import MAX_SIZE_SIGMA, MIN_ANCHOR, SEEN_SIZE_SIGMA
 from lidcam.pipeline.tracking.motion import Priors
 
@@ -41,18 +37,6 @@ EXTRA_YAW_SIGMA_RAD = 0.03
 NO_AXIS_VARIANCE = 100.0
 """Yaw variance of boxes that show no axis, rad^2: they carry no heading."""
 
-END_MARGINS = 0.62, 0.72, 0.6
-"""Half extents, as shares of length, width and height, within which points belong to a box, even if it is too small."""
-
-END_REACH = 0.2
-"""Extra length at each end within which points belong to a box, as a share of its width."""
-
-STRAY_SHARE = 0.005
-"""Share of the points of an object that lie beyond its end."""
-
-MIN_END_POINTS = 8
-"""Minimum number of points of an object whose ends are measured."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sightings(Table):
@@ -73,9 +57,6 @@ class Sightings(Table):
     # (N, 2) float64 in [-1, 1], position of the lidars along its length and width: 1 beyond its front, or its left side
     sides: F64
     side_views: F64  # (N, 2) float64, sines of the angles between the view of the lidars and its length and width
-    # (N, 2, 3) float64, its foremost and rearmost point: x and y in the fixed frame, and seconds after the stamp; NaN
-    # with too few points
-    end_points: F64
     show_front: Bools  # (N,) bool, whether the yaw tells front from rear, as that of clusters and of 2D boxes does not
 
     @property
@@ -180,12 +161,12 @@ def size_weights(sightings: Sightings, beliefs: F64, are_solid: Bools) -> F64:
         are_solid: (N,) whether points show both ends of the class of the track.
     """
     weights = np.tile((beliefs * np.maximum(sightings.point_counts, 1))[:, None], 3)
-    of_sides = sightings.side_views * (sightings.sizes[:, :2] / extent_sigmas_m(sightings)) ** 2
+    of_sides = sightings.side_views * (sightings.sizes[:, :2] / _extent_sigmas_m(sightings)) ** 2
     weights[:, :2] *= np.where(are_solid[:, None], of_sides, 1.0)
     return weights
 
 
-def extent_sigmas_m(sightings: Sightings) -> F64:
+def _extent_sigmas_m(sightings: Sightings) -> F64:
     """(N, 2) standard deviations of length and width by the covariances of the boxes.
 
     Where a side was not seen, the middle is as uncertain along the box as half the extent; where both were, it is no
@@ -196,34 +177,3 @@ def extent_sigmas_m(sightings: Sightings) -> F64:
     levers = np.maximum(np.abs(sightings.sides) / 2, MIN_ANCHOR)
     sigmas_m = np.sqrt(variances - variances.min(1, keepdims=True)) / levers
     return np.asarray(np.clip(sigmas_m, SEEN_SIZE_SIGMA * extents, MAX_SIZE_SIGMA * extents))
-
-
-def find_end_points(fused: Fused, combined: CombinedCloud) -> F64:
-    """(N, 2, 3) the foremost and the rearmost point of each object, along the yaw of its box.
-
-    x, y in the site frame and seconds after the cloud's stamp; NaN with too few points. Of objects side by side, each
-    point belongs to the one in which it is deepest.
-    """
-    objects, cloud = fused.objects, combined.detection_cloud
-    sizes = objects.sizes * (2 * np.array(END_MARGINS))
-    sizes[:, 0] += 2 * END_REACH * objects.sizes[:, 1]
-    rows, box = points_in_footprints(cloud.xyz, objects.centers[:, :2], sizes[:, :2], objects.yaws)
-    offsets = cloud.xyz.take(rows, 0) - objects.centers.take(box, 0)
-    is_level = np.abs(offsets[:, 2]) < (sizes[:, 2] / 2).take(box)
-    rows, box, offsets = rows[is_level], box[is_level], offsets[is_level]
-    cos, sin = np.cos(objects.yaws).take(box), np.sin(objects.yaws).take(box)
-    along, across = offsets[:, 0] * cos + offsets[:, 1] * sin, offsets[:, 1] * cos - offsets[:, 0] * sin
-    outwards = (np.abs(np.stack([along, across], 1)) / objects.sizes[box, :2]).max(1)
-    order = np.lexsort((outwards, rows))
-    own = np.sort(order[first_of_runs(rows[order])]) if len(order) else order
-    rows, box, along = rows[own], box[own], along[own]
-    bounds = np.searchsorted(box, np.arange(len(objects) + 1))
-    points = np.full((len(objects), 2, 3), np.nan)
-    for index, (first, last) in enumerate(pairwise(bounds.tolist())):
-        count = last - first
-        if count >= MIN_END_POINTS:
-            stray = int(STRAY_SHARE * count)
-            ranks, of_object = [count - 1 - stray, stray], along[first:last]
-            found = rows[first + (of_object == np.partition(of_object, ranks)[ranks, None]).argmax(1)]
-            points[index, :, :2], points[index, :, 2] = cloud.xyz[found, :2], cloud.time_offset_ns[found] / 1e9
-    return points

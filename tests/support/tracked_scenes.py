@@ -71,7 +71,6 @@ def frame(
         np.full(n, 2, np.uint8),
         np.zeros((n, 2)),
         np.ones((n, 2)),
-        np.full((n, 2, 3), np.nan),
         np.ones(n, np.bool_),
     )
     return FrameSightings(START_NS + round(index * PERIOD_S * 1e9), np.eye(4), sightings)

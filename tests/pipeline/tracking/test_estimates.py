@@ -28,25 +28,6 @@ def test_a_short_box_gets_the_length_with_the_side_that_was_seen_in_its_place() 
     np.testing.assert_allclose(found.motions.states[:, 0], 0.0, atol=0.02)
 
 
-@pytest.mark.parametrize(
-    ("side", "sigma_m", "length"),
-    [(1.0, 0.2, 4.4), (1.0, 0.05, 4.12), (0.0, 0.2, 4.0)],
-    ids=["unsure", "sure", "behind"],
-)
-def test_points_beyond_the_ends_make_a_box_longer_that_is_unsure_of_them(
-    side: float, sigma_m: float, length: float
-) -> None:
-    whole, labels = one_track(scene([Mover(straight(0, 0, 0, 5.0))], 30, noise_m=0.01))
-    whole.sightings.side_views[:, 0] = side + 1e-9
-    whole.sightings.sides[:, 0] = 1.0
-    whole.sightings.covariances[:, 0, 0] = sigma_m**2
-    x = whole.sightings.boxes[:, 0]
-    whole.sightings.end_points[:, 0] = np.column_stack([x + 2.2 + 0.2, np.zeros(30), np.full(30, 0.04)])
-    whole.sightings.end_points[:, 1] = np.column_stack([x - 2.4, np.zeros(30), np.zeros(30)])
-    found = estimated(whole, labels, PRIORS)
-    assert found.sizes[0, 0] == pytest.approx(length, abs=0.03)
-
-
 def test_the_length_is_that_of_the_frames_that_show_both_ends() -> None:
     whole, labels = one_track(scene([Mover(straight(0, 0, 0, 0))], 40, noise_m=0.01))
     sure = np.arange(40) % 4 == 0
