@@ -56,7 +56,7 @@ MAX_LINES = {
     "fuzz": (0, 820),
     "lidcam": (1440, 710),
     "lidcam/batches": (1310, 600),
-    "lidcam/checks": (1000, 800),
+    "lidcam/checks": (1010, 820),
     "lidcam/cli": (4330, 1650),
     "lidcam/evaluation": (970, 620),
     "lidcam/networks": (180, 170),

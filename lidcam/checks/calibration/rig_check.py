@@ -215,7 +215,11 @@ class RigCheck:
     @property
     def correction_count(self) -> int:
         """Number of sensors that `corrected` changes."""
-        return sum(bool(one.significant.any()) for one in self.cameras) + len(self._compared.agreeing)
+        moved = [
+            not np.allclose(before.T_site_lidar.matrix, after.T_site_lidar.matrix, rtol=0, atol=1e-6)
+            for before, after in zip(self._rig.lidars, self._compared.agreeing, strict=False)  # none if all agree
+        ]
+        return sum(bool(one.significant.any()) for one in self.cameras) + sum(moved)
 
     def corrected(self) -> Rig:
         """The rig without its significant errors: lidars that disagree are moved so that all agree."""

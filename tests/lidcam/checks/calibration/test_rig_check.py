@@ -14,8 +14,10 @@ from wrong_cameras import CAMERA, cuboids, passing, without_tracks
 from lidcam.checks.calibration.rig_check import RigCheck
 from lidcam.cli.printing.rig_check import check_tree, print_check
 from lidcam.cli.printing.terminal import console
+from lidcam.pipeline.calibration.lidar_poses import ComparedLidars, moved_lidar
 from lidcam.pipeline.core.frame import FrameResult
-from lidcam.pipeline.core.rig import CameraFit, Rig
+from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraFit, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.run.summary import camera_corrections
 
@@ -60,6 +62,15 @@ def test_an_error_is_named_and_corrected(values: tuple[float, ...], finding: str
     turn = camera.T_camera_site.matrix @ np.linalg.inv(CAMERA.T_camera_site.matrix)
     np.testing.assert_allclose([turn[2, 1], turn[0, 2], turn[1, 0]], values[:3], atol=0.004)
     assert camera.time_offset_ns == pytest.approx(-values[6] * 1e9, abs=6e6)
+
+
+@pytest.mark.parametrize("moved", [(), (1,), (0, 2)])
+def test_lidars_that_stay_are_no_corrections(moved: tuple[int, ...]) -> None:
+    lidars = [LidarSensor(f"lidar{row}", f"/{row}", Transform("site", f"lidar{row}", np.eye(4))) for row in range(3)]
+    motions = [np.full(6, 0.1 if row in moved else 1e-9) for row in range(3)]
+    agreeing = tuple(map(moved_lidar, lidars, motions)) if moved else ()
+    check = RigCheck(Rig("site", tuple(lidars), (), ()), CONFIG, ComparedLidars((), agreeing))
+    assert check.correction_count == len(moved)
 
 
 def test_a_lens_that_a_run_changed_is_named() -> None:
