@@ -23,7 +23,7 @@ INSTALLED_QUICK := .venv/installed-quick
 INSTALLED_ALL := .venv/installed-all
 PIP = $(BIN)/python -m pip --disable-pip-version-check
 UV = $(BIN)/uv
-# Everything by its hash, and nothing that is not listed. By uv, which takes a quarter of pip's time.
+# Everything by its hash, and nothing that is not listed; with uv, which takes a quarter of pip's time.
 LOCKED = $(UV) pip install --python $(BIN)/python --require-hashes --no-deps --requirement
 WITHOUT_CLOUDS = --set output.images=false --set output.clouds=false --set output.layout=false --set 'output.copy_topics=[]' --set output.compression=zstd
 UPGRADE ?=

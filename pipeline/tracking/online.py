@@ -4,7 +4,7 @@ Predicted tracks and the sightings of a frame are assigned to each other at the 
 those that the frame by itself reports, then the improbable ones, which may only continue a known track (the two stages
 of ByteTrack: Zhang et al., ECCV 2022). The cost is the negative log likelihood of position, heading and class. The log
 odds of the existence of a track change with each sighting and each miss (Musicki and Evans, Joint integrated
-probabilistic data association, 2004). Its size is the mean of its boxes, of which those with many points count more.
+probabilistic data association, 2004). The size of a track is the mean of its boxes, weighted by their points.
 """
 
 from dataclasses import dataclass, replace
