@@ -1,7 +1,7 @@
-"""Headings of improbable vehicles of few points, which may be wrong altogether.
+"""Headings of improbable vehicles of few points, which may be wrong altogether, and their centres with them.
 
 A fit to a dozen points may follow the wrong side of a car, or take points of a wall for one. Its covariance knows only
-the scatter of the points, so one such heading would turn a track for a second.
+the scatter of the points, so one such box would turn and move a track for a second.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ ANY_HEADING_VARIANCE = np.pi**2 / 12
 
 
 class DoubtHeadings:
-    """Adds the variance of wrong headings to boxes that lidcam fits, whose scores are probabilities."""
+    """Adds the variances of wrong headings to boxes that lidcam fits, whose scores are probabilities."""
 
     def __init__(self, config: Detect3DConfig, classes: Sequence[ClassPrior]) -> None:
         is_on = config.has_network or config.is_learned
@@ -37,7 +37,7 @@ class DoubtHeadings:
         self._is_doubted = np.array([is_on and not prior.is_upright for prior in classes])
 
     def __call__(self, hypotheses: Hypotheses) -> Hypotheses:
-        """The same hypotheses, with larger variances of heading.
+        """The same hypotheses, with larger variances of heading and position.
 
         Cameras come before: they measure the heading little, and a wide prior would let them turn boxes that are right.
         """
@@ -46,4 +46,8 @@ class DoubtHeadings:
         is_doubted = self._is_doubted[boxes.class_ids] & is_lidar & (covariances[:, 2, 2] > 0)
         wrong = WRONG_HEADING_SHARE * (1 - boxes.scores) * np.minimum(1, FEW_POINTS / boxes.point_counts.clip(1)) ** 2
         covariances[:, 2, 2] += is_doubted * wrong * ANY_HEADING_VARIANCE
+        # If the visible side stays, the centre of a turned box is off by half the difference of length and width; each
+        # axis has half of the square.
+        centre = (boxes.sizes[:, 0] - boxes.sizes[:, 1]) ** 2 / 8
+        covariances[:, [0, 1], [0, 1]] += (is_doubted * wrong * centre)[:, None]
         return replace(hypotheses, boxes=replace(boxes, covariances=covariances))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Table
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Table
 from lidcam.pipeline.core.detections import Boxes2D, Hypotheses
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.settings.fuse import FuseConfig
@@ -20,6 +20,16 @@ HIDDEN_SHARE = 0.15
 SIDE_NOISE = 2.0
 """Noise of left and right edges over that of upper and lower ones, where a recording does not tell: what stands beside
 an object hides its sides, or joins it."""
+
+CROWDED_NOISE = 2.0
+"""Noise of an edge that lies in another 2D box over that of a free one: detectors join objects, and cut them.
+
+Measured on 359 cars of KITTI: standard deviations of 4.4, 1.7, 3.6, 2.3 (left, top, right, bottom, in those of a free
+edge by the settings) in other boxes, and of 2.3, 1.0, 2.5, 0.9 elsewhere.
+"""
+
+MIN_CROWDED_SHARE = 0.4
+"""Minimum share of an edge that lies beside another 2D box, for an edge in that box."""
 
 MAX_HIDDEN_SHARE = 0.9
 """Maximum probability that an edge is hidden."""
@@ -68,6 +78,8 @@ def measured_edges(
     hidden = np.concatenate([np.zeros(0), *(matches.hidden[matches.pairs[:, 0]] for matches, _ in matched)])[order]
     depths = (matches.edge_depths_px[matches.pairs[:, 0]].astype(np.float64) for matches, _ in matched)
     depths_px = np.concatenate([np.zeros((0, 4)), *depths])[order]
+    crowded = (are_crowded(found.xyxy)[matches.pairs[:, 1]] for matches, found in matched)
+    is_crowded = np.concatenate([np.zeros((0, 4), np.bool_), *crowded])[order]
     cameras = camera_arrays(tuple(views.values())).select(numbers)
     fits = [view.fit for view in views.values()]
     xyxy = xyxy.clip(0.0, cameras.limits)
@@ -77,6 +89,7 @@ def measured_edges(
     unknown = tuple(SIDE_NOISE * sigma for sigma in default), default
     noise = np.array([fit.noise or unknown for fit in fits]).reshape(-1, 2, 2)[numbers]
     sigma_px = np.tile(np.hypot(noise[..., 0], noise[..., 1] * np.sqrt(extent.prod(1))[:, None]), 2)
+    sigma_px = np.where(is_crowded, CROWDED_NOISE, 1.0) * sigma_px
     habits = np.array([fit.habits for fit in fits]).reshape(-1, 4)[numbers]
     is_inner = (xyxy > 0) & (xyxy < cameras.limits)
     xyxy = xyxy - is_inner * (excess_slopes(extent) @ habits[..., None])[..., 0]
@@ -97,3 +110,15 @@ def excess_slopes(extent: F64) -> F64:
     slopes[:, 1, 1], slopes[:, 3, 2] = -extent[:, 1], extent[:, 1]
     slopes[..., 3] = -1.0, -1.0, 1.0, 1.0
     return slopes
+
+
+def are_crowded(xyxy: F32) -> Bools:
+    """(N, 4) whether the left, top, right and bottom edges of 2D boxes (N, 4) of one image lie in another of them."""
+    low, high = xyxy[:, None, :2], xyxy[:, None, 2:]
+    shared = np.minimum(high, xyxy[None, :, 2:]) - np.maximum(low, xyxy[None, :, :2])  # (N, N, 2) overlaps in x and y
+    is_beside = (shared > MIN_CROWDED_SHARE * (high - low))[..., ::-1]
+    others = ~np.eye(len(xyxy), dtype=np.bool_)[..., None]
+    crowded = [
+        (others & is_beside & (xyxy[None, :, :2] < edge) & (edge < xyxy[None, :, 2:])).any(1) for edge in (low, high)
+    ]
+    return np.concatenate(crowded, 1)

@@ -8,7 +8,7 @@ from detections import boxes3d
 from lidcam.pipeline.core.detections import Hypotheses, Source
 from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
 from lidcam.pipeline.core.settings.detect import Detect3DConfig
-from lidcam.pipeline.stages.doubt import DoubtHeadings
+from lidcam.pipeline.stages.doubt import ANY_HEADING_VARIANCE, DoubtHeadings
 
 CAR, PEDESTRIAN = ([prior.name for prior in ROAD_CLASSES].index(name) for name in ("car", "pedestrian"))
 SIGMA_RAD = 0.05
@@ -18,7 +18,10 @@ ROW = (10, 0, 0.8, 4, 1.8, 1.5, 0)
 def sigmas_deg(hypotheses: Hypotheses, method: str = "combined") -> list[Any]:
     config = Detect3DConfig.model_validate({"method": method})
     boxes = DoubtHeadings(config, ROAD_CLASSES)(hypotheses).boxes
-    np.testing.assert_array_equal(boxes.covariances[:, :2, :2], hypotheses.boxes.covariances[:, :2, :2])
+    added = boxes.covariances - hypotheses.boxes.covariances
+    excess_m2 = (hypotheses.boxes.sizes[:, 0] - hypotheses.boxes.sizes[:, 1]) ** 2
+    wrong_share = added[:, 2, 2] / ANY_HEADING_VARIANCE
+    np.testing.assert_allclose(added[:, :2, :2], (wrong_share * excess_m2 / 8)[:, None, None] * np.eye(2), atol=1e-12)
     return [*np.degrees(np.sqrt(boxes.covariances[:, 2, 2]))]
 
 

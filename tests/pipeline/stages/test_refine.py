@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from seen_boxes import edges_in_view
 from wrong_cameras import cuboids
 
-from lidcam.pipeline.core.arrays import F64, Bools
+from lidcam.pipeline.core.arrays import F64, Bools, join_rows
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Matches, Source
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
@@ -32,6 +32,7 @@ def _exact_cuboids(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(f"{BOX_PRIOR}.HEADING_SIGMA_RAD", 0.0)
     monkeypatch.setattr("lidcam.pipeline.fusion.refining.edges.HIDDEN_SHARE", 0.0)
     monkeypatch.setattr("lidcam.pipeline.fusion.refining.edges.SIDE_NOISE", 1.0)
+    monkeypatch.setattr("lidcam.pipeline.fusion.refining.edges.CROWDED_NOISE", 1.0)
     monkeypatch.setattr("lidcam.pipeline.fusion.matching.in_view.MIN_EDGE_SHARE", np.inf)
 
 
@@ -219,6 +220,25 @@ def test_what_hides_an_edge_does_not_draw_the_box(monkeypatch: pytest.MonkeyPatc
     found = fitted(rig, hypotheses, hidden)
     assert place(errors(found, truth)).mean() < 1.1 * place(errors(hypotheses.boxes, truth)).mean()
     assert place(errors(found, fitted(rig, hypotheses, seen))).max() < 0.15
+
+
+def test_a_2d_box_that_swallows_its_neighbour_draws_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, hypotheses, seen, _ = made_up(6, noise=(0.1, 0.1, 0.05))
+    swallowing = {name: replace(one, xyxy=one.xyxy - np.array([8, 0, 0, 0], np.float32)) for name, one in seen.items()}
+    neighbours = {name: with_neighbours(one) for name, one in swallowing.items()}
+    moved = {}
+    for noise in (1.0, 2.0):
+        monkeypatch.setattr("lidcam.pipeline.fusion.refining.edges.CROWDED_NOISE", noise)
+        exact = fitted(rig, hypotheses, seen)
+        moved[noise] = place(errors(fitted(rig, hypotheses, neighbours), exact)).mean()
+    assert moved[2.0] < 0.7 * moved[1.0]
+
+
+def with_neighbours(found: Boxes2D) -> Boxes2D:
+    """The same, and a box at the left edge of each."""
+    left, top, _, bottom = found.xyxy.T
+    rows = np.column_stack([left - 10, top, left + 25, bottom, found.scores, found.class_ids])
+    return join_rows(found, boxes2d(rows))
 
 
 def with_pairs(matches: Matches, rows: Bools) -> Matches:
