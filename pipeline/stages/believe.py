@@ -3,8 +3,8 @@
 The lidars' score is turned into a probability, since its meaning differs between classes. A matched 2D box counts for
 an object. A camera that has it in view, unhidden, without a 2D box counts against it, by the camera's recall for
 objects of that size, which is counted during the run. Between the images of a camera its latest evidence counts with
-falling weight; without any, the lidars decide. For an object that cameras place by the ground alone, the probability of
-its position by its covariance counts as well.
+falling weight; without any, the lidars decide. The probability that the object is at its position, by its covariance,
+counts as well: it is small for objects that cameras place by the ground alone.
 """
 
 from collections.abc import Sequence
@@ -53,7 +53,7 @@ class Believe:
         self._radii_m = match_radii_m(classes)
         self._cameras = [camera.name for camera in rig.cameras]
         self._recall = RecallCounts(self._cameras)
-        self._memory, self._last_ns = Memory(classes), 0
+        self._memory, self._last_ns = Memory(classes, len(rig.cameras)), 0
         self._site_frame, self._motion = rig.site_frame, motion
 
     def __call__(self, hypotheses: Hypotheses, visibility: Visibility, bundle: SensorBundle) -> F64:
@@ -69,19 +69,22 @@ class Believe:
         Raises:
             FrameError: the motion is that of a frame other than the site frame.
         """
-        is_seen, has_absent = self._seen_and_absent(hypotheses, visibility)
         before = self._before_cameras(hypotheses, view_shares(visibility) * self._has_network)
-        evidence = camera_evidence(visibility, self._recall.plain(visibility), FITTED)
-        self._recall.learn(visibility, before, evidence, FITTED)
-        boxes, by_cameras = hypotheses.boxes, joined(evidence, FITTED)
+        by_camera = camera_evidence(visibility, self._recall.plain(visibility), FITTED)
+        self._recall.learn(visibility, before, by_camera, FITTED)
+        boxes, look = hypotheses.boxes, np.isin(self._cameras, visibility.cameras)
+        rows = [self._cameras.index(name) for name in visibility.cameras]
+        evidence = np.zeros((len(self._cameras), len(boxes)))
+        is_seen = np.zeros(evidence.shape, np.bool_)
+        evidence[rows], is_seen[rows] = by_camera, visibility.in_view
         self._memory.advance(
             (bundle.stamp_ns - self._last_ns) / 1e9, own_motion(bundle, self._last_ns, self._site_frame, self._motion)
         )
         self._last_ns = bundle.stamp_ns
-        recalled = self._memory.recalled(boxes, ~is_seen & has_absent)
-        self._memory.remember(boxes, is_seen, by_cameras, all_look=len(visibility.cameras) == len(self._cameras))
+        recalled = self._memory.recalled(boxes, ~look[:, None] & self._could_see(hypotheses))
+        self._memory.remember(boxes, is_seen, evidence, look)
         position = position_probability(boxes.covariances, self._radii_m[boxes.class_ids])
-        return probability(before + by_cameras + recalled) * position
+        return probability(before + joined(evidence + recalled, FITTED)) * position
 
     def _before_cameras(self, hypotheses: Hypotheses, in_view: F64) -> F64:
         boxes = hypotheses.boxes
@@ -96,13 +99,7 @@ class Believe:
             are_upright=self._are_upright[boxes.class_ids],
         )
 
-    def _seen_and_absent(self, hypotheses: Hypotheses, visibility: Visibility) -> tuple[Bools, Bools]:
-        """(N,) whether each box is in view of a camera, and (N,) of a camera without an image in this frame."""
-        nobody = np.zeros((1, len(hypotheses.boxes)), np.bool_)
-        absent = [
-            np.isfinite(matches.projected_xyxy[:, 0])[None]
-            for name, matches in hypotheses.matches.items()
-            if name not in visibility.cameras
-        ]
-        is_seen, has_absent = np.concatenate([nobody, visibility.in_view]), np.concatenate([nobody, *absent])
-        return np.asarray(is_seen.any(0)), np.asarray(has_absent.any(0))
+    def _could_see(self, hypotheses: Hypotheses) -> Bools:
+        """(C, N) whether each box is in the image of each camera, where it stands in this frame."""
+        views = [np.isfinite(hypotheses.matches[name].projected_xyxy[:, 0]) for name in self._cameras]
+        return np.array(views, np.bool_).reshape(len(self._cameras), len(hypotheses.boxes))

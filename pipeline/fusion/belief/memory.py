@@ -4,8 +4,8 @@ A missing 2D box counts against an object as far as the camera should have found
 networks, between day and night, and between a clean and a dirty lens, so it is counted on objects that the other
 sensors are sure of. A prior holds until there are many of them.
 
-Cameras are often slower than lidars. In frames without their images, their latest evidence counts for a while: else an
-object that only cameras confirm would come and go with every other frame.
+Cameras are often slower than lidars, and than each other. In frames without the image of a camera, its latest evidence
+counts for a while: else an object that only it confirms would come and go with every other frame.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, Bools, Indices, join_rows, select_rows
+from lidcam.pipeline.core.arrays import F64, I32, Bools, Indices, Table, join_rows
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.fusion.assignment import assign
@@ -110,26 +110,27 @@ def _bins(size_px: F64) -> Indices:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Remembered:
-    """M boxes with camera evidence: age, centre in the site frame as it stands now, size, class, evidence."""
+class _Remembered(Table):
+    """M boxes, and what C cameras said of them."""
 
-    age_s: F64
-    centers: F64
-    sizes: F64
-    class_ids: I32
-    evidence: F64
+    age_s: F64  # (M,) age of the box, seconds
+    centers: F64  # (M, 3) in the site frame as it stands now
+    sizes: F64  # (M, 3)
+    class_ids: I32  # (M,)
+    evidence: F64  # (M, C) log likelihood ratio by each camera
+    evidence_age_s: F64  # (M, C) its age, seconds; infinite where a camera said nothing
 
 
 class Memory:
-    """The latest evidence of cameras about each object. Frames must come in order."""
+    """The latest evidence of each camera about each object. Frames must come in order."""
 
-    def __init__(self, priors: Sequence[ClassPrior]) -> None:
+    def __init__(self, priors: Sequence[ClassPrior], camera_count: int) -> None:
         length_m = np.array([prior.size_m[0] for prior in priors])
         walks = length_m < MAX_PEDESTRIAN_LENGTH_M
         self._max_speed_m_s = np.where(walks, MAX_FOOT_SPEED_M_S, MAX_WHEEL_SPEED_M_S)
         self._standing_m = MAX_STANDING_DISTANCE * length_m
-        none = np.zeros((0, 3))
-        self._known = _Remembered(np.zeros(0), none, none, np.zeros(0, np.int32), np.zeros(0))
+        boxes, cameras = np.zeros((0, 3)), np.zeros((0, camera_count))
+        self._known = _Remembered(np.zeros(0), boxes, boxes, np.zeros(0, np.int32), cameras, cameras)
 
     def advance(self, seconds: float, T_now_then: F64 | None) -> None:
         """Go on to the next frame.
@@ -144,39 +145,46 @@ class Memory:
         T = np.eye(4) if T_now_then is None else T_now_then
         x, y, z = known.centers.T[:, :, None]
         centers = x * T[:3, 0] + y * T[:3, 1] + z * T[:3, 2] + T[:3, 3]
-        self._known = select_rows(replace(known, age_s=age_s, centers=centers), keep)
+        evidence_age_s = known.evidence_age_s + seconds
+        self._known = replace(known, age_s=age_s, centers=centers, evidence_age_s=evidence_age_s).select(keep)
 
     def recalled(self, boxes: Boxes3D, is_asked: Bools) -> F64:
-        """(N,) remembered log likelihood ratios of N boxes; 0 for those that are not asked for."""
-        evidence, asked = np.zeros(len(boxes)), is_asked.nonzero()[0]
+        """(C, N) remembered log likelihood ratios of C cameras about N boxes; 0 where not asked for (C, N)."""
+        evidence, asked = np.zeros(is_asked.shape), np.flatnonzero(is_asked.any(0))
         if not len(asked):
             return evidence
         rows, known = self._pairs(boxes.select(asked))
-        faded = self._known.evidence * 0.5 ** (self._known.age_s / HALF_LIFE_S)
-        evidence[asked[rows]] = faded[known]
+        age_s = self._known.evidence_age_s[known].T
+        faded = self._known.evidence[known].T * 0.5 ** (age_s / HALF_LIFE_S)
+        evidence[:, asked[rows]] = np.where(is_asked[:, asked[rows]] & (age_s <= MAX_AGE_S), faded, 0.0)
         return evidence
 
-    def remember(self, boxes: Boxes3D, is_seen: Bools, evidence: F64, *, all_look: bool) -> None:
-        """Replace earlier evidence about the same objects by that of this frame.
+    def remember(self, boxes: Boxes3D, is_seen: Bools, evidence: F64, look: Bools) -> None:
+        """Replace earlier evidence of the cameras that look in this frame; that of the others is kept.
 
         Args:
             boxes: N boxes.
-            is_seen: (N,) whether each is in view of a camera.
-            evidence: (N,) log likelihood ratio.
-            all_look: Whether all cameras have images in this frame, so that nothing older is kept.
+            is_seen: (C, N) whether each is in view of each camera.
+            evidence: (C, N) log likelihood ratios.
+            look: (C,) whether each camera has an image in this frame.
         """
-        seen = is_seen.nonzero()[0]
+        seen = np.flatnonzero(is_seen.any(0))
         new = _Remembered(
             age_s=np.zeros(len(seen)),
             centers=boxes.centers[seen],
             sizes=boxes.sizes[seen],
             class_ids=boxes.class_ids[seen],
-            evidence=evidence[seen],
+            evidence=evidence[:, seen].T.copy(),
+            evidence_age_s=np.where(is_seen[:, seen].T, 0.0, np.inf),
         )
-        if not all_look:
-            keep = np.ones(len(self._known.age_s), np.bool_)
-            keep[self._pairs(boxes.select(seen))[1]] = False
-            new = join_rows(new, select_rows(self._known, keep))
+        if not look.all():
+            rows, known = self._pairs(boxes.select(seen))
+            absent = np.ix_(rows, ~look)
+            new.evidence[absent] = self._known.evidence[known][:, ~look]
+            new.evidence_age_s[absent] = self._known.evidence_age_s[known][:, ~look]
+            keep = np.ones(len(self._known), np.bool_)
+            keep[known] = False
+            new = join_rows(new, self._known.select(keep))
         self._known = new
 
     def _pairs(self, boxes: Boxes3D) -> tuple[Indices, Indices]:

@@ -109,6 +109,22 @@ def test_what_a_camera_said_counts_while_it_does_not_look_and_never_when_it_does
     assert after(SEEN, (0, 0), gap_s=0.1, then=NOTHING) < alone, "silence has the last word"
 
 
+def test_a_slow_camera_is_not_forgotten_while_another_looks() -> None:
+    """One confirms a car in every other frame, the other finds nothing in all."""
+    views = {name: replace(VIEW, name=name) for name in ("fast", "slow")}
+    believe, car = believe_of(camera_rig(*views.values())), boxes3d([CAR], scores=[0.2])
+    beliefs = []
+    for frame in range(6):
+        looks = frame % 2 == 0
+        (one,), (other,) = (hypotheses(car, *pairs).matches.values() for pairs in ([], [(0, 0)] * looks))
+        found = Hypotheses(car, {"fast": one, "slow": other}, 1)
+        seen = {"fast": NOTHING["cam"], **({"slow": SEEN["cam"]} if looks else {})}
+        visibility = find_visibility(found, seen, views, POINTS, class_agreement(ROAD_CLASSES))
+        beliefs.append(float(believe(found, visibility, at(0.1 * frame))[0]))
+    (without,) = believed(hypotheses(car), NOTHING)
+    assert min(beliefs) > (beliefs[0] + without) / 2, beliefs
+
+
 @pytest.mark.parametrize(("moves", "reaches"), [(True, True), (False, False)])
 def test_on_a_rig_that_moves_an_object_is_sought_where_it_is_now(moves: bool, reaches: bool) -> None:
     ahead = (CAR[0] - 10.0, *CAR[1:])

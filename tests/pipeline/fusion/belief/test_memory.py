@@ -19,13 +19,20 @@ def cars(*xy: tuple[float, float], class_id: int = 0, size: tuple[float, ...] = 
 
 
 def kept(boxes: Boxes3D, evidence: npt.ArrayLike) -> Memory:
-    memory = Memory(Config().classes)
-    memory.remember(boxes, np.ones(len(boxes), np.bool_), np.array(evidence, np.float64), all_look=True)
+    memory = Memory(Config().classes, 1)
+    say(memory, boxes, np.array([evidence], np.float64))
     return memory
 
 
-def asked(memory: Memory, boxes: Boxes3D) -> F64:
-    return memory.recalled(boxes, np.ones(len(boxes), np.bool_))
+def say(memory: Memory, boxes: Boxes3D, evidence: npt.ArrayLike) -> None:
+    """What each camera says of the boxes (C, N); NaN where one is not in its view, and in a row without image."""
+    values = np.array(evidence, np.float64)
+    memory.remember(boxes, np.isfinite(values), np.nan_to_num(values), np.asarray(np.isfinite(values).any(1)))
+
+
+def asked(memory: Memory, boxes: Boxes3D, cameras: int = 1) -> F64:
+    found = memory.recalled(boxes, np.ones((cameras, len(boxes)), np.bool_))
+    return found[0] if cameras == 1 else found
 
 
 @pytest.mark.parametrize(
@@ -72,12 +79,19 @@ def test_it_moves_with_the_site_frame_and_forgets_where_that_is_not_known() -> N
     assert asked(memory, cars((5, 10))).tolist() == [0.0]
 
 
-def test_what_other_cameras_said_is_kept_until_it_is_said_anew() -> None:
-    memory = kept(cars((10, 0), (30, 0)), [1.0, 2.0])
-    memory.remember(cars((10, 0)), np.ones(1, np.bool_), np.array([5.0]), all_look=False)
-    assert asked(memory, cars((10, 0), (30, 0))).tolist() == [5.0, 2.0]
-    memory.remember(cars((10, 0)), np.ones(1, np.bool_), np.array([6.0]), all_look=True)
-    assert asked(memory, cars((10, 0), (30, 0))).tolist() == [6.0, 0.0]
+def test_what_other_cameras_said_is_kept_until_they_look() -> None:
+    near, far, nan = (10, 0), (30, 0), np.nan
+    memory = Memory(Config().classes, 2)
+    say(memory, cars(near, far), [[1.0, 2.0], [3.0, nan]])
+    say(memory, cars(near), [[nan], [5.0]])
+    assert asked(memory, cars(near, far), 2).tolist() == [[1.0, 2.0], [5.0, 0.0]]
+    memory.advance(HALF_LIFE_S, STILL)
+    say(memory, cars(near), [[nan], [5.0]])
+    assert asked(memory, cars(near, far), 2).tolist() == [[0.5, 1.0], [5.0, 0.0]], "what was said before is older"
+    memory.advance(MAX_AGE_S - HALF_LIFE_S + 0.01, STILL)
+    assert (asked(memory, cars(near, far), 2) > 0).tolist() == [[False, False], [True, False]]
+    say(memory, cars(near), [[6.0], [7.0]])
+    assert asked(memory, cars(near, far), 2).tolist() == [[6.0, 0.0], [7.0, 0.0]], "nothing is kept if all look"
 
 
 SURE, DOUBTFUL = 5.0, -1.0
