@@ -74,7 +74,7 @@ MAX_LINES = {
     "pipeline/native": (3530, 0),
     "pipeline/parallel": (960, 600),
     "pipeline/stages": (3120, 3250),
-    "pipeline/tracking": (2140, 920),
+    "pipeline/tracking": (2170, 1000),
     "readers": (860, 520),
     "readers/files": (3430, 1940),
     "readers/messages": (3250, 2500),

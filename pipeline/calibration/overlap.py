@@ -38,7 +38,7 @@ class Change(NamedTuple):
 
     yaw_deg: float = 0.0  # To the left
     pitch_deg: float = 0.0  # Downwards
-    roll_deg: float = 0.0  # Clockwise
+    roll_deg: float = 0.0  # Counter-clockwise, as the camera looks
     zoom: float = 1.0  # Factor on the focal lengths
 
 
@@ -85,7 +85,7 @@ def has_enough(frames: Sequence[BoxFrame]) -> bool:
 
 
 def turned_pose(camera: CameraSensor, yaw_deg: float, pitch_deg: float, roll_deg: float = 0.0) -> F64:
-    """(4, 4) T_camera_site of a camera turned to the left, downwards and clockwise, degrees."""
+    """(4, 4) T_camera_site of a camera turned to the left, downwards and counter-clockwise, degrees."""
     turn = motion(np.array([*np.deg2rad([pitch_deg, yaw_deg, roll_deg]), 0.0, 0.0, 0.0]))
     return np.asarray(turn @ camera.T_camera_site.matrix, np.float64)
 

@@ -73,7 +73,8 @@ class Estimates:
     votes: F64  # (T, C) sums of beliefs by class
     class_ids: I64  # (T,)
     sizes: F64  # (T, 3)
-    fronts_known: Bools  # (T,) bool
+    fronts_known: Bools  # (T,) bool, whether motion shows them
+    front_log_odds: F64  # (T,) that the front is where the heading points, by the boxes and the lane
 
     def __len__(self) -> int:
         return len(self.class_ids)
@@ -108,7 +109,9 @@ class History(Table):
     ids: I64  # (T,) int64, number of the track; 0 for a new one
     votes: F64  # (T, C) sums of beliefs by class
     sizes: F64  # (T, 3), NaN where unknown
-    headings: F64  # (T,) heading in the first frame of the track in this stretch; NaN where the front is not known
+    headings: F64  # (T,) heading in the first frame of the track in this stretch; NaN of a new track
+    fronts_known: Bools  # (T,) whether motion showed the front
+    front_log_odds: F64  # (T,) that the front is where the heading points
     log_odds: F64  # (T,) weighted sum of the log odds of its frames
     weights: F64  # (T,) sum of their weights
     firsts_ns: I64  # (T,) int64, time of the first sighting; -1 of a new track
@@ -121,6 +124,8 @@ class History(Table):
             votes=np.zeros((count, class_count)),
             sizes=np.full((count, 3), np.nan),
             headings=np.full(count, np.nan),
+            fronts_known=np.zeros(count, np.bool_),
+            front_log_odds=np.zeros(count),
             log_odds=np.zeros(count),
             weights=np.zeros(count),
             firsts_ns=np.full(count, -1, np.int64),
@@ -163,7 +168,7 @@ def estimated(scene: Scene, track_of: I64, priors: Priors, history: History | No
     boxes = _resized_boxes(hits, sizes)
     free = _solved(scene, hits, _initial_courses(scene, hits, boxes, noise, of_class), boxes, noise)
     free, standing = _with_parked(scene, free, of_class)
-    turned, fronts_known = _fronts(scene, hits, free, standing, of_class, history)
+    turned, fronts_known, front_log_odds = _fronts(scene, hits, free, standing, of_class, history)
 
     courses = _restarted(free, turned, standing, of_class.rear_m(sizes[:, 0]))
     solution = _solved(scene, hits, courses, boxes, noise, standing)
@@ -183,6 +188,7 @@ def estimated(scene: Scene, track_of: I64, priors: Priors, history: History | No
         class_ids=class_ids,
         sizes=sizes,
         fronts_known=fronts_known,
+        front_log_odds=front_log_odds,
     )
 
 
@@ -294,8 +300,8 @@ def _with_parked(scene: Scene, free: _Pass, of_class: Priors) -> tuple[_Pass, Bo
 
 def _fronts(
     scene: Scene, hits: _Hits, free: _Pass, standing: Bools, of_class: Priors, history: History
-) -> tuple[Bools, Bools]:
-    """(T,) which tracks have to be turned round, and (T,) which fronts are known then."""
+) -> tuple[Bools, Bools, F64]:
+    """(T,) which tracks have to be turned round, (T,) which fronts are known then, and (T,) their log odds else."""
     courses, motions = free.courses, free.motions
     tracks, frames = courses.cell_tracks, courses.cell_frames
     after_s = np.diff(scene.stamps_s, prepend=0.0)[frames]
@@ -314,10 +320,12 @@ def _fronts(
     paths = driven_paths(motions.select(drives[tracks]), scene.sites_xy, scene.stamps_s)
     lanes = lane_directions(first[parked], of_class.scales_m[parked], paths)
     log_odds[parked] += LANE_FRONT_LOG_ODDS * np.nan_to_num(np.sign(np.cos(lanes - first[parked, HEADING])))
+    before = np.sign(np.cos(first[:, HEADING] - np.nan_to_num(history.headings)))
+    log_odds += before * history.front_log_odds
     turned = np.where(stays, log_odds < 0, along_m < 0)
-    was_known = np.isfinite(history.headings)
-    turned = np.where(was_known, np.cos(first[:, HEADING] - history.headings) < 0, turned)
-    return turned, was_known | (np.abs(along_m) > MIN_FRONT_TRAVEL * of_class.scales_m)
+    turned = np.where(history.fronts_known, before < 0, turned)
+    known = history.fronts_known | (np.abs(along_m) > MIN_FRONT_TRAVEL * of_class.scales_m)
+    return turned, known, np.where(turned, -log_odds, log_odds)
 
 
 def _restarted(solution: _Pass, turned: Bools, standing: Bools, rear_m: F64) -> Courses:

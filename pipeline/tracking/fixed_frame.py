@@ -1,6 +1,7 @@
 """Conversion between the frames of a run and tracks: sightings in the fixed frame, and tracks in the site frame.
 
-The fixed frame is that of the odometry, from the clouds or recorded; without any, the site frame is taken to stand.
+The fixed frame is that of the odometry, from the clouds or recorded; without any, the site frame is taken to stand. It
+stays the same for a whole run: recorded poses that begin late go on from where the rig was.
 """
 
 from collections.abc import Sequence
@@ -32,11 +33,13 @@ class SightingsOf:
         self._site_frame, self._class_count = rig.site_frame, class_count
         self._lidars_show_front = lidars_show_front
         self._lidars = np.array([lidar.T_site_lidar.matrix[:2, 3] for lidar in rig.lidars]).reshape(-1, 2)
+        self._T_fixed_site: F64 | None = None  # At the last frame
+        self._T_fixed_recorded: F64 | None = None
 
     def __call__(self, frame: FrameResult) -> FrameSightings:
         """The sightings of the next frame."""
         boxes, beliefs = frame.hypotheses.boxes, frame.beliefs
-        T_fixed_site = _pose(frame, self._site_frame)
+        T_fixed_site = self._pose(frame)
         are_reported = np.zeros(len(boxes), np.bool_)
         reported = frame.fused.objects.class_ids < self._class_count
         are_reported[frame.fused.rows[reported]] = True
@@ -66,13 +69,20 @@ class SightingsOf:
         )
         return FrameSightings(frame.bundle.stamp_ns, T_fixed_site, sightings)
 
-
-def _pose(frame: FrameResult, site_frame: str) -> F64:
-    """(4, 4) T_fixed_site at the time of a frame: by the clouds, else as recorded, else identity."""
-    if frame.odometry is not None:
-        return frame.odometry.T_fixed_site
-    recorded = frame.bundle.pose_of(site_frame)
-    return np.eye(4) if recorded is None else recorded
+    def _pose(self, frame: FrameResult) -> F64:
+        """(4, 4) T_fixed_site at the time of a frame: by the clouds, else as recorded, else as before."""
+        recorded = frame.bundle.pose_of(self._site_frame)
+        if recorded is not None and self._T_fixed_recorded is None:
+            before = self._T_fixed_site
+            self._T_fixed_recorded = np.eye(4) if before is None else np.asarray(before @ np.linalg.inv(recorded))
+        if frame.odometry is not None:
+            pose = frame.odometry.T_fixed_site
+        elif recorded is not None and self._T_fixed_recorded is not None:
+            pose = np.asarray(self._T_fixed_recorded @ recorded)
+        else:
+            pose = np.eye(4) if self._T_fixed_site is None else self._T_fixed_site
+        self._T_fixed_site = pose
+        return pose
 
 
 def _seen_from(boxes: Boxes3D, lidars: F64) -> tuple[F64, F64]:

@@ -104,7 +104,7 @@ def predicted(motions: Motions, after_s: F64 | float, noise: F64) -> tuple[Motio
     after_s = np.broadcast_to(np.asarray(after_s, np.float64), (len(motions),))
     states, slopes = _turned(motions.states, after_s)
     covariances = slopes @ motions.covariances @ slopes.swapaxes(1, 2)
-    covariances += _process_noise(motions.states, np.abs(after_s), noise)
+    covariances += _process_noise(motions.states, after_s, noise)
     return Motions(states, covariances), slopes
 
 
@@ -197,8 +197,10 @@ def _turned(states: F64, after_s: F64) -> tuple[F64, F64]:
 def _process_noise(states: F64, after_s: F64, noise: F64) -> F64:
     """(N, 5, 5) noise of white acceleration along the heading, white yaw acceleration, and model errors.
 
-    A vehicle that stands does not turn; a fast one turns as far as its lateral acceleration allows.
+    A vehicle that stands does not turn; a fast one turns as far as its lateral acceleration allows. Backwards in time
+    (`after_s` below 0), errors of position and speed have opposite signs.
     """
+    after_s, forth = np.abs(after_s), np.sign(after_s)
     cos, sin = np.cos(states[:, HEADING]), np.sin(states[:, HEADING])
     acceleration, turning, position, heading, rolling_m_s = noise.T
     speeds = np.abs(states[:, SPEED])
@@ -211,10 +213,10 @@ def _process_noise(states: F64, after_s: F64, noise: F64) -> F64:
     out[:, 0, 0] = along * cos**2 + across * sin**2
     out[:, 1, 1] = along * sin**2 + across * cos**2
     out[:, 0, 1] = out[:, 1, 0] = (along - across) * cos * sin
-    out[:, 0, SPEED] = out[:, SPEED, 0] = acceleration * after_s**2 / 2 * cos
-    out[:, 1, SPEED] = out[:, SPEED, 1] = acceleration * after_s**2 / 2 * sin
+    out[:, 0, SPEED] = out[:, SPEED, 0] = forth * acceleration * after_s**2 / 2 * cos
+    out[:, 1, SPEED] = out[:, SPEED, 1] = forth * acceleration * after_s**2 / 2 * sin
     out[:, SPEED, SPEED] = acceleration * after_s
     out[:, HEADING, HEADING] = turning * after_s**3 / 3 + heading * after_s
-    out[:, HEADING, TURN] = out[:, TURN, HEADING] = turning * after_s**2 / 2
+    out[:, HEADING, TURN] = out[:, TURN, HEADING] = forth * turning * after_s**2 / 2
     out[:, TURN, TURN] = turning * after_s
     return out

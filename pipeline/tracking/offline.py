@@ -40,7 +40,7 @@ class OfflineTracker:
     """Tracks of frames that come in order, returned when they are settled."""
 
     def __init__(self, priors: Priors, *, min_existence: float, window_s: float, max_gap_s: float) -> None:
-        self._priors, self._min_log_odds = priors, float(logit(np.array(min_existence)))
+        self._priors, self._min_existence = priors, min_existence
         self._window_ns, self._max_gap_s = round(window_s * 1e9), max_gap_s
         self._overlap_ns = round((max_gap_s + EXTRA_OVERLAP_S) * 1e9)
         self._frames: list[FrameSightings] = []
@@ -51,7 +51,7 @@ class OfflineTracker:
 
     def add_frame(self, frame: FrameSightings) -> list[TrackRows]:
         """Add the next frame; the rows of the oldest waiting frames that are settled."""
-        out = self.finish() if self._frames and frame.stamp_ns <= self._frames[-1].stamp_ns else []
+        out = self.finish() if self._frames and frame.stamp_ns < self._frames[-1].stamp_ns else []
         self._frames.append(frame)
         waiting_ns = frame.stamp_ns - self._frames[min(self._settled_count, len(self._frames) - 1)].stamp_ns
         if waiting_ns < self._window_ns + self._overlap_ns:
@@ -81,12 +81,12 @@ class OfflineTracker:
             merged = join(estimates)
             if len(np.unique(merged)) < len(merged):
                 estimates, history = self._estimated(scene, _relabelled(scene, estimates, merged))
-        existence = self._existence(scene, estimates, history)
-        kept = existence >= self._min_log_odds
+        existence = probability(self._existence(scene, estimates, history))
+        kept = existence >= self._min_existence
         new = kept & (history.ids == 0)
         history.ids[new] = np.arange(self._next_id, self._next_id + new.sum())
         self._next_id += int(new.sum())
-        rows = _rows(scene, estimates, history, self._priors, probability(existence), kept)
+        rows = _rows(scene, estimates, history, self._priors, existence, kept)
         self._carry(scene, estimates, history, kept, until)
         return rows[first:until]
 
@@ -163,7 +163,9 @@ class OfflineTracker:
             ids=history.ids,
             votes=votes,
             sizes=estimates.sizes,
-            headings=np.where(estimates.fronts_known, estimates.motions.states[at, HEADING], np.nan),
+            headings=estimates.motions.states[at, HEADING],
+            fronts_known=estimates.fronts_known,
+            front_log_odds=estimates.front_log_odds,
             log_odds=history.log_odds + np.bincount(tracks, weights * log_odds, count),
             weights=history.weights + np.bincount(tracks, weights, count),
             firsts_ns=np.where(history.firsts_ns >= 0, history.firsts_ns, scene.stamps_ns[courses.firsts]),

@@ -98,6 +98,9 @@ MAX_DOUBT_S = 0.25
 MIN_HIT_SHARE, MAX_HIT_SHARE = 0.1, 0.8
 """Bounds of the assumed share of frames in which a track is seen; the larger it is, the more a miss counts."""
 
+TIME_TOLERANCE_S = 1e-6
+"""Tolerance of the limits above, seconds: times are sums of rounded ones."""
+
 MIN_TRACK_DISTANCE = 0.4
 """Minimum distance of a new track from others, in motion scales."""
 
@@ -147,7 +150,7 @@ class OnlineTracker:
     def __init__(self, priors: Priors, *, min_existence: float, max_gap_s: float) -> None:
         """Report tracks from a probability on; beyond a gap between frames, all tracks are new."""
         self._max_gap_s = max_gap_s
-        self._priors, self._min_log_odds = priors, float(logit(np.array(min_existence)))
+        self._priors, self._min_existence = priors, min_existence
         self._live: _Live | None = None
         self._next_id = 1
         self._start_ns = 0
@@ -163,8 +166,10 @@ class OnlineTracker:
             self._start_ns = frame.stamp_ns
             self._live = self._new_tracks(sightings, noise, np.zeros(0, np.intp))
         before_s, self._now_s = self._now_s, (frame.stamp_ns - self._start_ns) / 1e9
-        self._recent_s = self._recent_s[self._now_s - self._recent_s <= MAX_DOUBT_S]
-        live = self._live.select(self._now_s - self._live.seen_s <= self._max_gap_s)
+        if self._now_s < before_s:  # time has jumped back: what was seen is of another time
+            self._live, self._recent_s, before_s = self._live.select(np.zeros(0, np.intp)), np.zeros(0), self._now_s
+        self._recent_s = self._recent_s[self._now_s - self._recent_s <= MAX_DOUBT_S + TIME_TOLERANCE_S]
+        live = self._live.select(self._now_s - self._live.seen_s <= self._max_gap_s + TIME_TOLERANCE_S)
         live = self._predicted(live, self._now_s - before_s)
         track_of = self._assigned(live, sightings, noise)
         live = self._updated(live, track_of, sightings, noise)
@@ -178,7 +183,7 @@ class OnlineTracker:
         self.ids_of_sightings = np.zeros(len(sightings), np.int64)
         self.ids_of_sightings[rows] = live.ids[track_of[rows]]
         max_unseen_s = np.where(live.hits >= MIN_HITS, MAX_UNSEEN_S, MAX_NEW_UNSEEN_S)
-        kept = self._now_s - live.seen_s <= max_unseen_s
+        kept = self._now_s - live.seen_s <= max_unseen_s + TIME_TOLERANCE_S
         self._live = live.select(kept)
         self._recent_s = np.append(self._recent_s, self._now_s)
         return [self._rows(self._live, seen[kept])]
@@ -357,6 +362,6 @@ class OnlineTracker:
             & (np.abs(live.states[:, SPEED]) <= self._priors.max_speeds[live.class_ids]),
             seen=seen,
         )
-        max_coasting_s = np.where(live.hits >= MIN_HITS, MAX_COASTING_S + 1e-6, 0.0)
-        is_reported = (live.log_odds >= self._min_log_odds) & (self._now_s - live.seen_s <= max_coasting_s)
+        max_coasting_s = np.where(live.hits >= MIN_HITS, MAX_COASTING_S + TIME_TOLERANCE_S, 0.0)
+        is_reported = (rows.existence >= self._min_existence) & (self._now_s - live.seen_s <= max_coasting_s)
         return rows.select(is_reported)

@@ -25,8 +25,8 @@ from lidcam.pipeline.tracking.motion import (
 FRAME_CORRELATION = 4.0
 """Number of consecutive measurements with the information of one: neighbouring frames share most of their error."""
 
-STANDING_NOISE = 1e-6
-"""Share of the process noise that remains while an object stands."""
+STANDING_NOISE = np.array([1e-6, 1e-6, 1e-6, 1e-6, 1.0])
+"""Share of each column of `Priors.noise` that remains while an object stands; the last is a speed, and stays."""
 
 STANDING_SPEED_SIGMA = 0.002
 """Standard deviation of the speed of a standing object, as a share of that of its class."""
@@ -106,7 +106,7 @@ def smoothed(courses: Courses, cells: Cells, stamps_s: F64, sites_xy: F64) -> Mo
             continues = ~begins
             before = at[continues] - 1
             stands = cells.standing[before] & cells.standing[before + 1]
-            noise = courses.noise[tracks[continues]] * np.where(stands, STANDING_NOISE, 1.0)[:, None]
+            noise = courses.noise[tracks[continues]] * np.where(stands[:, None], STANDING_NOISE, 1.0)
             after_s = stamps_s[frame] - stamps_s[frame - 1]
             moved, slopes[before] = predicted(filtered.select(before), after_s, noise)
             moved.covariances[:, [0, 1], [0, 1]] += DRIFT_SIGMA_M**2 * steps_m[frame]

@@ -133,11 +133,13 @@ def driven_paths(motions: Motions, sites_xy: F64, stamps_s: F64) -> F64:
     Args:
         motions: Tracks at some moments.
         sites_xy: (F, 2) positions of the rig.
-        stamps_s: (F,) their times, rising.
+        stamps_s: (F,) their times, not falling.
     """
     states = motions.states
     backwards = np.pi * (states[:, SPEED] < 0)
     paths = np.column_stack([states[:, :2], states[:, HEADING] + backwards, np.abs(states[:, SPEED])])
+    rises = np.diff(stamps_s, prepend=-np.inf) > 0
+    sites_xy, stamps_s = sites_xy[rises], stamps_s[rises]
     if len(stamps_s) < 2:
         return paths
     x_m_s, y_m_s = np.gradient(sites_xy, stamps_s, axis=0).T

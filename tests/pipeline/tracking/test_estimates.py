@@ -53,7 +53,7 @@ def test_what_is_known_stays() -> None:
     whole, labels = one_track(scene([Mover(straight(0, 0, 0, 0))], 20))
     known = History.none(1, len(PRIORS))
     known.sizes[:], known.headings[:] = [4.4, 1.8, 1.5], np.pi
-    known.votes[0, CAR + 3] = 100.0
+    known.votes[0, CAR + 3], known.fronts_known[:] = 100.0, True
     found = estimated(whole, labels, PRIORS, known)
     assert found.sizes[0].tolist() == [4.4, 1.8, 1.5]
     assert found.class_ids[0] == CAR + 3

@@ -45,6 +45,23 @@ def tracked(one: FrameResult, rows: TrackRows | None = None, zones: tuple[Zone, 
     return with_tracks(one.fused, seen, rows_of(seen) if rows is None else rows, zones)
 
 
+@pytest.mark.parametrize(
+    ("recorded", "expected"),
+    [
+        ([True] * 4, [10.0] * 4),
+        ([False] * 4, [0.0] * 4),
+        ([False, False, True, True], [0.0] * 4),
+        ([True, True, False, True], [10.0] * 4),
+    ],
+    ids=["always", "never", "late", "gap"],
+)
+def test_the_fixed_frame_stays(recorded: list[bool], expected: list[float]) -> None:
+    """Of a rig that stands, at (10, 2, 1) in the recorded frame."""
+    sightings_of = SightingsOf(RIG, CLASSES)
+    found = [sightings_of(result(moving=moving)).T_fixed_site[0, 3] for moving in recorded]
+    assert found == pytest.approx(expected)
+
+
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_boxes_go_to_the_fixed_frame_and_back(moving: bool, count: int) -> None:

@@ -38,6 +38,21 @@ def test_derivatives_are_those_of_differences(state: np.ndarray, seconds: float)
         np.testing.assert_allclose(of_state, (ends[0] - ends[1]).T / (2 * step), atol=1e-4)
 
 
+@given(state=STATES, seconds=SECONDS, class_id=st.integers(0, 4))
+def test_a_step_back_in_time_is_one_ahead_of_what_drives_backwards(
+    state: np.ndarray, seconds: float, class_id: int
+) -> None:
+    after_s, noise, backwards = np.array([seconds]), PRIORS.noise[[class_id]], np.array([1, 1, 1, -1, -1])
+
+    def reversed_in_time(one: Motions) -> Motions:
+        return Motions(one.states * backwards, one.covariances * np.outer(backwards, backwards))
+
+    there = predicted(motions(state), after_s, noise)[0]
+    again = reversed_in_time(predicted(reversed_in_time(motions(state)), -after_s, noise)[0])
+    np.testing.assert_allclose(again.states, there.states, atol=1e-9)
+    np.testing.assert_allclose(again.covariances, there.covariances, atol=1e-9)
+
+
 @given(state=STATES, rear_m=st.floats(-3, 3))
 def test_places_go_to_the_rear_axle_and_back(state: np.ndarray, rear_m: float) -> None:
     there = at_rear_axles(motions(state), np.array([rear_m]))

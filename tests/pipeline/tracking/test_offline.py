@@ -175,6 +175,24 @@ def test_numbers_sizes_and_fronts_go_on_from_window_to_window() -> None:
     assert max(away) < 0.1
 
 
+def test_what_is_parked_keeps_its_front_where_no_box_and_no_lane_shows_it() -> None:
+    """A car passes in the first seconds, and boxes of clusters do not tell front from rear."""
+    passes = Mover(straight(40, 3.0, np.pi, 10.0), seen=lambda index: index < 80)
+    frames = scene([Mover(straight(0, 0, 0.02, 0)), passes], 260)
+    for one in frames:
+        one.sightings.show_front[:] = False
+    rows = tracked(frames, window_s=10.0)
+    headings = [row.states[np.abs(row.states[:, 1]) < 1, HEADING] for row in rows]
+    assert np.cos(headings).max() < -0.9
+
+
+def test_frames_of_one_stamp_do_not_end_tracks() -> None:
+    """A message that was recorded twice."""
+    frames = scene(CARS, 40)
+    rows = tracked([*frames[:21], *frames[20:]])
+    assert ids(rows) == [[1, 2, 3]] * 41
+
+
 def test_frames_are_given_a_window_late() -> None:
     tracker = OfflineTracker(PRIORS, min_existence=0.5, window_s=4.0, max_gap_s=3.0)
     given = [len(tracker.add_frame(frame)) for frame in scene(CARS, 200)]

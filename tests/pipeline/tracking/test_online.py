@@ -1,4 +1,5 @@
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -116,3 +117,31 @@ def test_a_track_is_doubted_by_the_frames_before_it(belief: float, seen: Sequenc
 def test_the_class_is_one_belief_over_the_track() -> None:
     rows = tracked(scene([Mover(straight(0, 0, 0, 1.0), classes=[CAR, CAR, PEDESTRIAN])], 12))
     assert [row.class_ids.tolist() for row in rows[2:]] == [[CAR]] * 10
+
+
+def test_after_a_jump_of_time_all_tracks_are_new() -> None:
+    first = scene([Mover(straight(0, 0, 0, 8.0))], 20)
+    second = scene([Mover(straight(500, 0, 0, 8.0), seen=lambda index: index >= 10)], 20)
+    before = [replace(one, stamp_ns=one.stamp_ns - 60 * 10**9) for one in second]
+    rows = tracked([*first, *before])
+    assert [row.ids.tolist() for row in rows] == [[1]] * 20 + [[]] * 10 + [[2]] * 10
+    assert rows[-1].ages_s == pytest.approx([9 * PERIOD_S])
+
+
+@pytest.mark.parametrize(("hits", "gap"), [(2, 4), (6, 11)])
+def test_limits_of_time_hold_whenever_an_object_appears(hits: int, gap: int) -> None:
+    def seen(first: int) -> set[int]:
+        shown = [*range(first, first + hits), *range(first + hits + gap - 1, first + hits + gap + 10)]
+        other = Mover(straight(100, 50, 0, 0))
+        rows = tracked(scene([other, Mover(straight(0, 0, 0, 0), seen=shown.__contains__)], first + hits + gap + 10))
+        return {int(number) for row in rows for number in row.ids[np.abs(row.states[:, 1]) < 5]}
+
+    assert [len(seen(first)) for first in range(1, 15)] == [1] * 14
+
+
+def test_what_is_less_probable_than_asked_for_is_not_reported() -> None:
+    tracker = OnlineTracker(PRIORS, min_existence=0.99, max_gap_s=3.0)
+    movers = [Mover(straight(10.0 * row, 0, 0, 0), belief=belief) for row, belief in enumerate((0.9, 0.95, 0.98, 0.99))]
+    rows = [one for frame in scene(movers, 40) for one in tracker.add_frame(frame)]
+    assert sum(map(len, rows)) > 20
+    assert min(row.existence.min(initial=1.0) for row in rows) >= 0.99
