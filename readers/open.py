@@ -316,7 +316,7 @@ def _file_of_kind(source: Source, path: Path, content: Path, stream: BinaryIO, m
             return PcapFile(source, stream)
         error = RecordingError if magic else DamageError
         raise error(f"{path}: expected {EXPECTED}, found {_describe(magic, path)}")
-    metadata = folder_metadata(path.parent)
+    metadata = folder_metadata(path.parent, is_recording=False)
     if path.name in metadata.file_names:
         source = replace(source, metadata=metadata)
     if magic.startswith(MCAP_MAGIC):

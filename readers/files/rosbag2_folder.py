@@ -87,8 +87,10 @@ def _hint(folder: Path) -> str:
     return "found none of these"
 
 
-def folder_metadata(folder: Path) -> FolderMetadata:
+def folder_metadata(folder: Path, *, is_recording: bool = True) -> FolderMetadata:
     """Content of the metadata.yaml of `folder`; the defaults if there is none.
+
+    Beside a file that was given by itself, the folder is no recording, and a metadata.yaml may be anybody's.
 
     Raises:
         RecordingError: it cannot be read.
@@ -107,8 +109,12 @@ def folder_metadata(folder: Path) -> FolderMetadata:
         compression = information.get("compression_format") or ""
         distro = str(information.get("ros_distro") or "")
     except (LookupError, TypeError, AttributeError) as err:
+        if not is_recording:
+            return FolderMetadata()
         raise RecordingError(f"{expected}, found something else; {remedy}") from err
     except (OSError, yaml.YAMLError, ValueError) as err:
+        if not is_recording:
+            return FolderMetadata()
         raise RecordingError(f"{expected}, found {type(err).__name__}: {one_line(err)}; {remedy}") from err
     if mode in {"message", "file"} and compression != "zstd":
         raise RecordingError(

@@ -127,7 +127,8 @@ def _in_ros2(channel: Channel) -> tuple[Typestore, Channel, bool]:
         if renamed in types:
             continue
         humble = known_type(renamed)
-        types[renamed] = humble if _holds(humble, renamed, recorded[name]) else recorded[name]
+        # A type that is new in ROS 2, as in a new field of a marker, is not recorded.
+        types[renamed] = humble if name not in recorded or _holds(humble, renamed, recorded[name]) else recorded[name]
         wanted += [(part, part) for part in type_parts(types[renamed][1])]
     store = get_typestore(Stores.EMPTY)
     store.register({name: definition for name, definition in types.items() if name not in store.fielddefs})
@@ -136,7 +137,7 @@ def _in_ros2(channel: Channel) -> tuple[Typestore, Channel, bool]:
         channel, msgtype=msgtype, encoding="cdr", definition=definition, definition_format="ros2msg", digest=""
     )
     fits = msgtype == channel.msgtype and all(
-        field in recorded[name][1] for name in types for field in store.fielddefs[name][1]
+        name in recorded and field in recorded[name][1] for name in types for field in store.fielddefs[name][1]
     )
     return store, in_ros2, fits
 

@@ -81,6 +81,6 @@ def _port(text: str) -> int:
     try:
         found: Any = json.loads(text)
         port = found.get("config_params", found).get("udp_port_lidar", 0)
-    except (ValueError, AttributeError):
+    except (ValueError, AttributeError, RecursionError):
         return 0
     return port if isinstance(port, int) and 0 < port < 1 << 16 else 0

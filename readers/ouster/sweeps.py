@@ -63,7 +63,9 @@ class OusterSweep:
                 continue
             data = sweep_data(stamp_ns, begin_ns, self._frame_id, self._metadata, packets)
             return RawMessage(stamp_ns, log_time_ns, order, data, self._channel, defects=defects)
-        problem = defects[0] if defects else "a turn without a valid column"
+        problem = "a turn without a valid column"
+        if defects:
+            problem = f"none of {len(packets) + len(defects)} packets can be used; the first: {defects[0]}"
         return RawMessage(log_time_ns, log_time_ns, order, b"", self._channel, problem)
 
     pause = close

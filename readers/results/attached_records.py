@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from mcap.reader import SeekingReader
-from mcap.records import Attachment, Chunk, McapRecord, Metadata
+from mcap.records import Attachment, Chunk, McapRecord, Message, Metadata
 from mcap.stream_reader import StreamReader
 
 from lidcam.pipeline.core.errors import RecordingError
@@ -26,6 +26,8 @@ RIG = "rig.yaml"
 
 SUMMARY = "summary.json"
 """Name of the attached summary of the run: what it used, dropped and warned of. Earlier versions attach none."""
+
+NAMES = frozenset({CONFIG, RIG, SUMMARY})
 
 MAX_ATTACHMENT_BYTES = 1 << 20
 
@@ -103,8 +105,16 @@ def _of_summary(stream: BinaryIO) -> _Records | None:
     stream.seek(0)
     reader = SeekingReader(stream)
     with DamageGuard(is_active=True):
-        if reader.get_summary() is not None:
-            return _sorted_out([*reader.iter_metadata()], [*reader.iter_attachments()])
+        summary = reader.get_summary()
+        if summary is not None:
+            attachments: list[McapRecord] = []
+            for index in summary.attachment_indexes:
+                if index.name in NAMES and index.data_size <= MAX_ATTACHMENT_BYTES:
+                    stream.seek(index.offset)
+                    attachments.append(
+                        next(StreamReader(stream, skip_magic=True, record_size_limit=2 * MAX_ATTACHMENT_BYTES).records)
+                    )
+            return _sorted_out([*reader.iter_metadata()], attachments)
     return None
 
 
@@ -114,18 +124,17 @@ def _of_beginning(stream: BinaryIO) -> _Records:
     before: list[McapRecord] = []
     with DamageGuard(is_active=True):  # the file ends there
         for record in StreamReader(stream, emit_chunks=True).records:
-            if isinstance(record, Chunk):
+            if isinstance(record, Chunk | Message):
                 break
-            before.append(record)
-    return _sorted_out(
-        [one for one in before if isinstance(one, Metadata)], [one for one in before if isinstance(one, Attachment)]
-    )
+            if isinstance(record, Attachment | Metadata):
+                before.append(record)
+    return _sorted_out([one for one in before if isinstance(one, Metadata)], before)
 
 
-def _sorted_out(metadata: list[Metadata], attachments: list[Attachment]) -> _Records:
+def _sorted_out(metadata: list[Metadata], records: list[McapRecord]) -> _Records:
     texts = {
         one.name: one.data.decode()
-        for one in attachments
-        if one.name in {CONFIG, RIG, SUMMARY} and len(one.data) <= MAX_ATTACHMENT_BYTES
+        for one in records
+        if isinstance(one, Attachment) and one.name in NAMES and len(one.data) <= MAX_ATTACHMENT_BYTES
     }
     return {one.name: dict(one.metadata) for one in metadata}, texts

@@ -317,5 +317,8 @@ class MotionBuffer:
         pose = decode_odometry(message, limits=self._limits)
         if pose.dst != self._source.fixed_frame_id:
             raise FrameError(f"pose in {pose.dst!r}, expected {self._source.fixed_frame_id!r} as in the first message")
-        if not self._tracks[next(iter(self._tracks))].add_pose(message.stamp_ns, pose.matrix):
+        child = next(iter(self._tracks))
+        if pose.src not in {"", child}:
+            raise FrameError(f"pose of {pose.src!r}, expected {child!r} as in the first message")
+        if not self._tracks[child].add_pose(message.stamp_ns, pose.matrix):
             raise FrameError(_FAR_OFF)

@@ -34,6 +34,9 @@ DONT_CARE = "DontCare"
 NEUTRAL = frozenset({"Van", "Person_sitting"})
 """Ignored: neighbouring classes of the benchmark."""
 
+SITTING_IN_TRACKING = "Person"
+"""Name of `Person_sitting` in the tracking benchmark."""
+
 LEFT_COLOUR_CAMERA = 2
 """Number of the camera whose images are labelled."""
 
@@ -248,7 +251,8 @@ class KittiTruth(TruthSource):
         return found.labels
 
     def _is_ignored(self, label: KittiLabel) -> bool:
-        return label.label == DONT_CARE or label.label in NEUTRAL or label.is_harder_than(self._level)
+        is_neutral = label.label in NEUTRAL or (self._tracked is not None and label.label == SITTING_IN_TRACKING)
+        return label.label == DONT_CARE or is_neutral or label.is_harder_than(self._level)
 
     def _is_labelled(self, camera: CameraSensor, calibration: KittiCalibration) -> bool:
         """Whether a camera of the rig is the one whose images were labelled: both see the same at the same pixels."""

@@ -76,7 +76,8 @@ class VelodyneSweep:
         packets, defects, (log_time_ns, order) = self._packets, tuple(self._defects), self.end
         self._packets, self._defects = [], []
         if not packets:
-            return RawMessage(log_time_ns, log_time_ns, order, b"", self._channel, defects[0])
+            problem = f"none of {len(defects)} packets can be used; the first: {defects[0]}"
+            return RawMessage(log_time_ns, log_time_ns, order, b"", self._channel, problem)
         sec, nanosec = struct.unpack_from("<II", packets[0])
         data = scan_data(packets)
         return RawMessage(sec * 10**9 + nanosec, log_time_ns, order, data, self._channel, defects=defects)

@@ -27,7 +27,7 @@ FAST = ("detect3d.method=none", "combine.outliers.enabled=false", "combine.groun
 def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("captures")
     one = capture_of(PAYLOAD, STAMPS_NS, "10.0.0.1")
-    gps = [(START_NS + n * 10**8, ethernet(ip_packet(bytes(554), "10.0.0.1", 8308))) for n in range(2)]
+    gps = [(START_NS + n * 10**8, ethernet(ip_packet(bytes(512), "10.0.0.1", 8308))) for n in range(2)]
     (folder / "one.pcap").write_bytes(pcap(sorted([*one, *gps], key=lambda packet: packet[0])))
     (folder / "cut.pcap").write_bytes(pcap(one)[:-7])
     both = sorted([*one, *capture_of(PAYLOAD, STAMPS_NS, "10.0.0.2")], key=lambda packet: packet[0])

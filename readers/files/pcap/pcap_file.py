@@ -35,7 +35,7 @@ from lidcam.readers.recording import RosVersion, TopicInfo, merge_topics
 from lidcam.readers.velodyne.scan import PACKET, PACKET_BYTES, packet_channel, packet_message_data
 
 DATA_PORT = 2368
-POSITION_BYTES, OUSTER_IMU_BYTES = 554, 48
+POSITION_BYTES, OUSTER_IMU_BYTES = 512, 48
 
 MAX_LIDARS = 64
 """Packets of more senders are not read."""

@@ -45,11 +45,14 @@ def find_udp(head: bytes, position: int, captured: int, link_type: int) -> Datag
 
 def find_fragment(head: bytes, captured: int, link_type: int) -> Fragment | None:
     """The fragment in a packet of which `find_udp` says so; None if it is none of UDP, or was not captured whole."""
-    at = _ipv4_begin(head, link_type)
-    if isinstance(at, str) or head[at + 9] != UDP:
+    try:
+        at = _ipv4_begin(head, link_type)
+        if isinstance(at, str) or head[at + 9] != UDP:
+            return None
+        data_at = at + 4 * (head[at] & 0x0F)
+        size, flags = at + _u16(head, at + 2) - data_at, _u16(head, at + 6)
+    except IndexError:
         return None
-    data_at = at + 4 * (head[at] & 0x0F)
-    size, flags = at + _u16(head, at + 2) - data_at, _u16(head, at + 6)
     if size <= 0 or data_at + size > captured:
         return None
     key = head[at + 12 : at + 20], _u16(head, at + 4)

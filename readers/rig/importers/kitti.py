@@ -105,11 +105,16 @@ def _kitti_file(path: Path) -> dict[str, list[float]]:
 
 
 def _kitti_values(text: str, path: Path) -> dict[str, list[float]]:
-    """Numbers by name; lines of words (a date, a comment) are skipped."""
+    """Numbers by name; lines of words (a date, a comment) are skipped.
+
+    In files of the tracking benchmark, some names have no colon behind them.
+    """
     values = {}
     for line in text.splitlines():
         name, separator, words = line.partition(":")
-        if not separator or line.startswith("#"):
+        if not separator:
+            name, _, words = line.partition(" ")
+        if not words or line.startswith("#"):
             continue
         try:
             values[name.strip()] = [float(word) for word in words.split()]

@@ -75,6 +75,15 @@ def test_unreadable_metadata(tmp_path: Path, text: str) -> None:
     assert not any(name in str(caught.value) for name in ("TypeError", "KeyError", "AttributeError"))
 
 
+def test_a_file_by_itself_beside_somebody_elses_metadata(tmp_path: Path) -> None:
+    file = split_folder(tmp_path, 1) / "rec_0.db3"
+    (file.parent / "metadata.yaml").write_text("name: my dataset")
+    with open_recording([file]) as recording:
+        assert recording.message_count == 1
+    with pytest.raises(RecordingError, match="expected rosbag2's metadata"):
+        open_recording([file.parent])
+
+
 def test_unknown_compression(tmp_path: Path) -> None:
     (tmp_path / "metadata.yaml").write_text(
         "rosbag2_bagfile_information: {relative_file_paths: [], compression_mode: FILE, compression_format: fake}"

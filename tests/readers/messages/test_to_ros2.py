@@ -12,7 +12,7 @@ from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.ros.messages import RosMessages
 from lidcam.pipeline.core.ros.typestores import release_types
 from lidcam.pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
-from lidcam.readers.messages.to_ros2 import RENAMED, class_name_of_number, name_of_number, to_ros2
+from lidcam.readers.messages.to_ros2 import RENAMED, _in_ros2, class_name_of_number, name_of_number, to_ros2
 
 ROS1 = RosMessages(1)
 STAMP_NS = 1_600_000_000_123_456_789
@@ -87,6 +87,25 @@ def test_names_of_fields_and_types_that_ros2_changed() -> None:
     converted = to_ros2(old)
     assert converted.channel.msgtype == "tf2_msgs/msg/TFMessage"
     assert read(converted).transforms[0].transform.translation.z == 3
+
+
+def test_fields_of_types_that_ros1_does_not_have() -> None:
+    point = ROS1.new("geometry_msgs/msg/Point", x=1.0, y=2.0, z=3.0)
+    header = ROS1.header(STAMP_NS, "map")
+    markers = ROS1.rows("visualization_msgs/msg/Marker", 1, header=header, text="stop", points=[[point]])
+    found = read(to_ros2(ros1("/markers", ROS1.new("visualization_msgs/msg/MarkerArray", markers=markers))))
+    (one,) = found.markers
+    assert (one.header.frame_id, one.text, one.points[0].z) == ("map", "stop", 3.0)
+    assert one.mesh_file.filename == ""
+
+
+def test_every_type_of_ros1_has_a_definition_in_ros2() -> None:
+    store = release_types(Stores.ROS1_NOETIC)
+    for msgtype in store.fielddefs:
+        definition, _ = store.generate_msgdef(msgtype)
+        if definition.strip():
+            types, channel, _ = _in_ros2(Channel("/a", msgtype, "ros1", definition, "ros1msg"))
+            assert channel.msgtype in types.fielddefs, msgtype
 
 
 def test_the_types_that_ros2_calls_otherwise_are_those_of_rosbags() -> None:

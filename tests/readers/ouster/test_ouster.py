@@ -33,6 +33,7 @@ from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.open import open_recording
 from lidcam.readers.ouster import sensor
 from lidcam.readers.ouster.decoder import decode_ouster
+from lidcam.readers.ouster.description import ports
 from lidcam.readers.ouster.packets import SWEEP
 from lidcam.readers.rig.discovery import Discovery, discover_rig
 from lidcam.readers.streams.per_sensor import sensor_messages
@@ -198,6 +199,12 @@ def test_the_json_beside_a_recording_is_found_by_its_serial_number(tmp_path: Pat
     with sensor_messages(open_recording([tmp_path / "drive.mcap"])) as recording:
         [info] = recording.topics
     assert info.unreadable == "packets of an Ouster that drive_0.json beside the recording does not describe"
+
+
+def test_a_json_beside_a_capture_that_is_no_description(tmp_path: Path) -> None:
+    for name, text in (("deep", "[" * 100_000), ("none", "no JSON"), ("list", "[1]")):
+        (tmp_path / f"drive_{name}.json").write_text(text)
+    assert ports(tmp_path / "drive.pcap") == {7502}
 
 
 def captured(text: str, turns: int = 2, port: int = 7502) -> list[tuple[int, bytes]]:

@@ -1,6 +1,7 @@
 """Results read back: written by the writer of results itself, so that both agree on every number."""
 
 import re
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import dump_config, load_config
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
+from lidcam.readers.results.attached_records import is_result
 from lidcam.readers.results.result import Result, open_result
 from lidcam.readers.rig.rig_file import rig_yaml
 from lidcam.writers.mcap.writer import McapResultWriter
@@ -224,6 +226,28 @@ def test_files_that_are_no_results(tmp_path: Path) -> None:
         with pytest.raises(RecordingError, match=f"expected a result of lidcam, .*{reason}") as caught:
             open_result(path)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("is_closed", [True, False])
+def test_recordings_are_told_from_results_without_reading_all_of_them(tmp_path: Path, is_closed: bool) -> None:
+    """One with a large attachment; one with messages outside of chunks, whose recorder was killed."""
+    path, large = tmp_path / "large.mcap", bytes(8 << 20)
+    with path.open("wb") as stream:
+        writer = Writer(stream, use_chunking=is_closed)
+        writer.start(profile="", library="test")
+        channel = writer.register_channel(topic="/a", message_encoding="json", schema_id=0)
+        for number in range(4):
+            if is_closed:
+                writer.add_attachment(0, 0, f"map_{number}.pcd", "", large)
+            else:
+                writer.add_message(channel, number, large, number)
+        if is_closed:
+            writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
+    tracemalloc.start()
+    found, (_, peak) = is_result(path), tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert not found
+    assert peak < 3 * len(large)
 
 
 def test_result_that_was_cut_off(path: Path, tmp_path: Path) -> None:

@@ -186,6 +186,7 @@ def test_the_buffer_is_bounded() -> None:
         (odom(3)._replace(data=b"\0\1\0\0abc"), "cannot be decoded"),
         (cloud()._replace(channel=replace(cloud().channel, topic="/odom")), "cannot be decoded"),
         (odom(3, frame_id="map"), "its pose is unusable"),
+        (odom(3, child_frame_id="other_car"), "its pose is unusable"),
         (raw("/odom", ODOMETRY, odometry(stamp_ns=3, orientation_xyzw=(0, 0, 0, 0)), 3), "cannot be decoded"),
     ],
 )

@@ -27,9 +27,13 @@ P2 = np.c_[K, [700 * SHIFT_M, 0, 0]]
 P0 = np.c_[K, np.zeros(3)]
 CALIB = f"P0: {row(P0)}\nP2: {row(P2)}\nR0_rect: {row(np.eye(3))}\nTr_velo_to_cam: {row(T_RECT_VELO[:3])}\n"
 
+TRACKING_CALIB = CALIB.replace("R0_rect:", "R_rect").replace("Tr_velo_to_cam:", "Tr_velo_cam")
+"""As the tracking benchmark has it: with other names, and without colons."""
+
 CAR = "Car 0.10 1 -1.57 500.0 150.0 600.0 220.0 1.50 1.80 4.20 2.0 1.6 20.0 -1.570796"
 VAN = "Van 0.00 0 0.0 100.0 150.0 180.0 220.0 2.0 2.0 5.0 -8.0 1.6 15.0 0.0"
 SITTING = "Person_sitting 0.00 0 0.0 100.0 150.0 180.0 220.0 1.2 0.6 0.8 -8.0 1.6 15.0 0.0"
+PERSON = SITTING.replace("Person_sitting", "Person")
 FAR = "Pedestrian 0.00 2 0.0 700.0 170.0 710.0 196.0 1.75 0.6 0.8 4.0 1.6 40.0 3.0"
 TRAM = "Tram 0.60 0 0.0 100.0 150.0 180.0 220.0 3 2 15 -8.0 1.6 15.0 0.0"
 NOBODY = "DontCare -1 -1 -10 10.0 20.0 30.0 40.0 -1 -1 -1 -1000 -1000 -1000 -10"
@@ -138,11 +142,13 @@ def test_files_belong_to_frames_in_their_order(tmp_path: Path) -> None:
 
 
 def test_the_tracking_benchmark_numbers_frames_and_objects(tmp_path: Path) -> None:
-    text = "\n".join([f"0 -1 {NOBODY}", f"0 3 {CAR}", f"2 3 {CAR}", f"2 5 {VAN}"])
-    path = folder(tmp_path, text) / "label_2" / "000000.txt"
+    text = "\n".join([f"0 -1 {NOBODY}", f"0 3 {CAR}", f"2 3 {CAR}", f"2 5 {VAN}", f"3 6 {FAR}", f"3 7 {PERSON}"])
+    path = folder(tmp_path, text, calib=TRACKING_CALIB) / "label_2" / "000000.txt"
     truth = KittiTruth(path, rig(), Config())
-    found = [truth.at(0, frame=k) for k in range(4)]
-    assert [None if one is None else one.track_ids.tolist() for one in found] == [[3], [], [3, 5], None]
+    found = [truth.at(0, frame=k) for k in range(5)]
+    assert [None if one is None else one.track_ids.tolist() for one in found] == [[3], [], [3, 5], [6, 7], None]
+    assert found[3] is not None
+    assert found[3].is_ignored.tolist() == [False, True], "one who sits"
     image = truth.in_image("left", 0, frame=0)
     assert image is not None
     assert image.track_ids.tolist() == [-1, 3]

@@ -128,6 +128,8 @@ def test_packets_that_cannot_be_used_are_told_of() -> None:
     assert [len(sweep.defects) for sweep in sweeps] == [2, 0]
     assert "expected a velodyne_msgs/msg/VelodynePacket of 1218 bytes, found 900 bytes" in sweeps[0].defects[0]
     assert sweeps[0].defects[1] == f"{TOPIC}: lost"
+    (none,) = gathered([message._replace(data=b"short") for message in messages[:3]])
+    assert none.problem.startswith("none of 3 packets can be used; the first: ")
 
 
 # --- beside other messages

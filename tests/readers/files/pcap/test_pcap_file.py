@@ -147,22 +147,23 @@ def test_other_traffic_is_counted(tmp_path: Path) -> None:
     fragment.mf = 1
     frames = [
         ethernet(ip_packet(PAYLOAD[0].tobytes())),
-        ethernet(ip_packet(bytes(554), port=8308)),
-        ethernet(ip_packet(bytes(554), port=8308)),
+        ethernet(ip_packet(bytes(512), port=8308)),
+        ethernet(ip_packet(bytes(512), port=8308)),
         ethernet(ip_packet(b"who is there", port=53)),
         ethernet(fragment),
+        ethernet(fragment)[:22],
         ethernet(b"who has", 0x0806),
         ethernet(ip_packet(PAYLOAD[0].tobytes()))[:900],
     ]
     path = written(tmp_path, pcap((START_NS + n, frame) for n, frame in enumerate(frames)))
     with open_recording([path]) as recording:
         found = {info.topic: (info.message_count, bool(info.unreadable)) for info in recording.topics}
-        assert recording.message_count == 7
+        assert recording.message_count == 8
         assert len(list(recording.messages())) == 1
     assert found == {
         TOPIC: (1, False),
         "/other_traffic/cut_short": (1, True),
-        "/other_traffic/fragments": (1, True),
+        "/other_traffic/fragments": (2, True),
         "/other_traffic/not_ipv4": (1, True),
         "/other_traffic/other_size": (1, True),
         "/other_traffic/position": (2, True),
