@@ -43,12 +43,15 @@ def fitted(examples: Examples, seed: int, epoch_done: EpochDone) -> ClusterNetwo
     network = ClusterNetwork(mean, deviation, (), ())
     inputs = torch.from_numpy(network.standard(examples.features).astype(np.float32))
     kinds = torch.from_numpy(examples.kinds)
+    networks, threads = [], torch.get_num_threads()
     torch.set_num_threads(1)  # in layers as small as these, threads would wait for each other
-    networks = []
-    for row in range(NETWORKS):
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(seed * NETWORKS + row)
-            networks.append(_fitted_layers(inputs, kinds, row * EPOCHS, epoch_done))
+    try:
+        for row in range(NETWORKS):
+            with torch.random.fork_rng(devices=[]):
+                torch.manual_seed(seed * NETWORKS + row)
+                networks.append(_fitted_layers(inputs, kinds, row * EPOCHS, epoch_done))
+    finally:
+        torch.set_num_threads(threads)
     layers = [*zip(*networks, strict=True)]
     return replace(
         network,

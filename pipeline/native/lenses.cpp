@@ -38,10 +38,15 @@ LIDCAM_HOT void project_all(const double *points, int64_t rows, int64_t count, c
 bool find_ray(const double *pixel, const Lens &lens, bool equidistant, double *ray) {
     double y = (pixel[1] - 0.5 - lens.cy) / lens.fy;
     double x = (pixel[0] - 0.5 - lens.cx - lens.skew * y) / lens.fx;
+    double last_x = 0, last_y = 0;  // the optical axis, which is within any lens model
     ray[2] = 1.0;
     for (int step = 0; step < MAX_STEPS; step++) {
         const Pixel reached = pixel_of(x, y, 1.0, lens, equidistant);
-        if (!reached.valid) return false;
+        if (!reached.valid) {  // beyond the lens model, as the first step of a lens that bends much may be
+            x = (x + last_x) / 2, y = (y + last_y) / 2;
+            continue;
+        }
+        last_x = x, last_y = y;
         const double right = pixel[0] - reached.u, down = pixel[1] - reached.v;
         if (std::fabs(right) <= NEAR_PX && std::fabs(down) <= NEAR_PX) {
             ray[0] = x;

@@ -57,10 +57,13 @@ class Sensing:
         return _Sensor(f"cameras.{name}", timing, device, _measurement(timing, device, 0))
 
     def _measured(self, sensor: _Sensor, measurement: Measurement) -> Measured:
-        device = sensor.device
-        # An image stands for the time that is nearer to it than to its neighbours.
-        around_ns = sensor.timing.period_ns // 2 if isinstance(device, Camera) else 0
-        times = (measurement.begin_ns - around_ns, measurement.end_ns + around_ns)
+        device, timing, number = sensor.device, sensor.timing, measurement.number
+        times = measurement.begin_ns, measurement.end_ns
+        if isinstance(device, Camera):
+            # An image stands for the time that is nearer to it than to its neighbours; jitter and exposure do not move
+            # it, so that each moment has one image.
+            half_ns = timing.period_ns // 2
+            times = timing.nominal_ns(number) - half_ns, timing.nominal_ns(number + 1) - half_ns
         none = np.zeros(len(self._stage.scene.movers), np.int64)
         if measurement.lost:
             return Measured(sensor.name, *times, none, none, ())

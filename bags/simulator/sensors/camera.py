@@ -27,6 +27,7 @@ MAX_LIGHT = 4.0  # beyond, light is clipped
 SHOULDER = 0.55  # beyond, the tone curve compresses highlights instead of clipping them
 VIGNETTE = 0.10  # share of the light that the corners lose
 NOISE_ROOM_PX = 96  # by which the noise field is larger than the image; each image uses a random crop
+MAX_NOISE = 16_000  # in 1 / FRACTION of a pixel value: added to white, it stays within 16 bits
 ROWS_AT_ONCE = 64  # rows read out together, which fit into the processor's caches
 SHARED_NOISE = 0.8  # red, green and blue noise are correlated, as after demosaicing; 0.8^2 + 0.6^2 = 1
 
@@ -128,7 +129,7 @@ class Film:
         shared = SHARED_NOISE * random.standard_normal(shape[:2], np.float32)
         field += shared[..., None]
         field *= np.float32(self._noise * FRACTION)
-        return np.clip(np.round(field, out=field), -32767, 32767, out=field).astype(np.int16)
+        return np.clip(np.round(field, out=field), -MAX_NOISE, MAX_NOISE, out=field).astype(np.int16)
 
     def developed(self, linear: F32) -> I16:
         """Pixel values times `FRACTION` of an image (H, W, 3) of linear light."""

@@ -26,7 +26,7 @@ RETURN_STRONGEST, RETURN_LAST, RETURN_BOTH = 1, 2, 3
 MAX_STEPS = 0xFFFF
 
 SKY_M = 1e5  # range of a beam that hits nothing, in the search for edges
-SPECKLE = 0.06  # mean share of reflected light that is lost at random; diffuse surfaces stay within an intensity of 100
+SPECKLE = 0.06  # scale of the loss of light, 1 - exp(-SPECKLE |n|) of normal n; diffuse surfaces stay below 100
 RIM_WEIGHT = 1 / 6  # share of a beam's light in each of the four rays at its rim; the middle ray has the rest
 MAX_PANES = 4  # glass surfaces that a beam passes
 MIN_LIGHT = 0.05  # share below which a beam is not followed behind glass

@@ -138,7 +138,8 @@ def with_errors(classes: Sequence[str], found: Judged) -> tuple[FoundClass, ...]
             continue
         sigma_m = float(np.sqrt((errors[:, :2] ** 2).mean()))
         sigma_rad = float(np.sqrt((_not_turned(errors[:, 2]) ** 2).mean()))
-        made.append(FoundClass(name=name, sigma_m=round(sigma_m, 4), sigma_rad=round(sigma_rad, 4)))
+        sigmas = {"sigma_m": sigma_m, "sigma_rad": sigma_rad}
+        made.append(FoundClass(name=name, **{key: max(round(sigma, 4), 1e-4) for key, sigma in sigmas.items()}))
     return tuple(made)
 
 

@@ -1,5 +1,7 @@
 """Classes of road users, with their sizes."""
 
+from pydantic import model_validator
+
 from lidcam.pipeline.core.settings.model import Positive, SettingsModel
 
 MIN_UPRIGHT_HEIGHT = 2.0
@@ -29,6 +31,12 @@ class ClassPrior(SettingsModel):
     kinds_m: tuple[tuple[Positive, Positive, Positive], ...] = ()
     frequency: Positive = 1.0
     labels: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _largest_is_largest(self) -> "ClassPrior":
+        if any(largest < size for largest, size in zip(self.max_size_m, self.size_m, strict=True)):
+            raise ValueError(f"max_size_m: expected no less than size_m, {self.size_m}, found {self.max_size_m}")
+        return self
 
     @property
     def is_upright(self) -> bool:

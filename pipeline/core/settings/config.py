@@ -99,7 +99,7 @@ class Config(SettingsModel):
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> "Config":
-        names = [prior.name for prior in self.classes]
+        names = [prior.known_as[0] for prior in self.classes]
         if len(set(names)) < len(names):
             raise ValueError(f"classes: a name is used twice in {', '.join(names)}")
         if UNKNOWN_CLASS in names:

@@ -76,8 +76,9 @@ class Detect3DConfig(SettingsModel):
         weights: File of that network, as `lidcam train clusters` writes it. Empty: the one that comes with lidcam.
         min_score: Boxes with a lower score are removed; with `learned`, those whose geometric score is lower; with
             `combined` clusters of a lower geometric score, and then boxes that are less probable.
-        near_weight: Log odds that `combined` adds to a truck or bus for each logarithm of its points, where its side is
-            at a lidar, less up to 6 m. Beside lidars on a vehicle there is traffic; 0 for fixed ones, beside walls.
+        near_weight: Log odds that `combined` adds to a truck or bus that the network finds, too, for each logarithm of
+            its points, where its side is at a lidar, less up to 6 m. Beside lidars on a vehicle there is traffic; 0 for
+            fixed ones, beside walls.
         provider: Library that runs the network of `model`, as `detect2d.provider`.
         cluster: Settings of the method `cluster`.
         recorded: Settings of the method `recorded`.

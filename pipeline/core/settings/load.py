@@ -51,10 +51,11 @@ def set_values(tree: dict[str, Any], settings: Mapping[str, object] | Sequence[s
         *parents, leaf = key.split(".")
         branch = tree
         for parent in parents:
-            nested = branch.setdefault(parent, {})
+            nested = branch.get(parent, {})
             if not isinstance(nested, dict):
                 raise ConfigError(f"--set {key}: {parent!r} is a value, not a section")
-            branch = nested
+            branch[parent] = dict(nested)  # anchors of YAML make several sections one
+            branch = branch[parent]
         branch[leaf] = value
 
 

@@ -21,7 +21,7 @@ from lidcam.pipeline.detectors.onnx.inputs import Value
 from lidcam.pipeline.detectors.onnx.providers import check_runs_on, chosen, onnxruntime, set_up
 
 MAX_BATCH_BYTES = 1 << 29
-"""Maximum size of the images given at once: 26 of 1280 x 1280 px."""
+"""Maximum size of the images given at once: 27 of 1280 x 1280 px."""
 
 MAX_CHANGED_BYTES = 1 << 29
 """Maximum size of a file whose input is made free, which is in memory three times meanwhile; the largest YOLOX has

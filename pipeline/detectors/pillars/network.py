@@ -8,7 +8,7 @@ from pydantic import Field, ValidationError
 
 from lidcam.pipeline.core.arrays import F64, Bools
 from lidcam.pipeline.core.errors import ModelError
-from lidcam.pipeline.core.settings.model import NotNegative, SettingsModel
+from lidcam.pipeline.core.settings.model import Positive, SettingsModel
 from lidcam.pipeline.core.text import one_line
 from lidcam.pipeline.detectors.onnx.session import OnnxSession
 from lidcam.pipeline.detectors.pillars.decoding import BOX_NUMBERS, Found, boxes_of
@@ -29,8 +29,8 @@ class FoundClass(SettingsModel):
     """A class that a network finds."""
 
     name: str  # Its name
-    sigma_m: NotNegative = 0.3  # Standard deviation of its place along x and along y, metres
-    sigma_rad: NotNegative = 0.3  # Standard deviation of its heading, radians
+    sigma_m: Positive = 0.3  # Standard deviation of its place along x and along y, metres
+    sigma_rad: Positive = 0.3  # Standard deviation of its heading, radians
 
 
 class PillarSpecs(SettingsModel):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 pytest.importorskip("torch", reason="needs the extra train")
 
@@ -57,8 +58,9 @@ def test_what_shows_is_learned_the_same_again_and_calibrated(monkeypatch: pytest
         "RATE": 0.02,
     }.items():
         monkeypatch.setattr(clusters, name, value)
-    losses: list[tuple[int, float]] = []
+    losses, threads = list[tuple[int, float]](), torch.get_num_threads()
     network = fitted(examples(1500), 7, lambda done, loss: losses.append((done, loss)))
+    assert torch.get_num_threads() == threads
     held_out = examples(2000, seed=1)
     found = network(held_out.features)
     assert (found.argmax(1) == held_out.kinds).mean() > 0.7  # 0.92 at most, and 0.2 by chance

@@ -122,6 +122,14 @@ def test_counts_of_each_sensor_are_those_that_add_up(simulate: Simulate) -> None
     assert counts["image_pixels"] > 0
 
 
+@pytest.mark.parametrize("timing", [{"jitter_ms": 8.0}, {"motion_blur": True}, {"phase_ms": 40.0}], ids=str)
+def test_each_moment_has_one_image_of_each_camera(simulate: Simulate, timing: dict[str, Any]) -> None:
+    """A camera of 5 Hz, and truth at 10 Hz: what stands has the same number of pixels at each time."""
+    path = simulate(duration=0.75, cameras={"front": SMALL["cameras"]["front"] | {"rate_hz": 5.0, **timing}})
+    counts = [scores(truth.detections[0])["image_pixels"] for _, truth in stamped(path, "/ground_truth/objects")]
+    assert min(counts) > 0.9 * max(counts) > 0
+
+
 def x_of(message: Any) -> float:
     return float(message.detections[1].bbox.center.position.x)
 

@@ -8,7 +8,7 @@ from small_worlds import EvenPath
 
 from lidcam.bags.simulator.scenario.scenario import SunScenario
 from lidcam.bags.simulator.scenario.sensors import CameraScenario
-from lidcam.bags.simulator.sensors.camera import Camera, CameraImage
+from lidcam.bags.simulator.sensors.camera import FRACTION, Camera, CameraImage, Film
 from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
 from lidcam.bags.simulator.world.mesh import Material, Mesh, box, merged, polygon
 from lidcam.bags.simulator.world.motion import FixedPath, MountedPath, Mover, Path
@@ -161,6 +161,14 @@ def test_noise_is_as_strong_as_asked_for_and_another_one_in_each_image() -> None
     assert (first - clean)[middle].std() == pytest.approx(2.5, rel=0.05)
     assert abs((first - clean)[middle].mean()) < 0.1
     assert abs(np.corrcoef((first - clean)[middle], (second - clean)[middle])[0, 1]) < 0.05
+
+
+def test_strong_noise_leaves_no_black_pixels_in_white() -> None:
+    white = np.full((240, 320, 3), 255 * FRACTION, np.int16)
+    scenario = CameraScenario(
+        topic="/image", info_topic="/info", frame_id="optical", position_m=(0, 0, 1), focal_px=(260, 260), noise=150.0
+    ).model_copy(update={"width_px": 320, "height_px": 240})
+    assert Film(scenario, "front", 3, 1.0).read_out(white, 0).min() > 0
 
 
 def test_motion_blur_spreads_what_moves_over_its_way() -> None:

@@ -6,6 +6,7 @@ from hypothesis.extra.numpy import arrays
 from lens_models import LENS_MODELS, lens
 
 from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.optics.lenses import Lenses
 
 ALL = [lens(model, distortion) for model, distortion in LENS_MODELS.values()]
@@ -32,6 +33,20 @@ def test_which_lenses_bend_lines(name: str, bends: bool) -> None:
     lenses = Lenses.of([lens(*LENS_MODELS["none"]), lens(*LENS_MODELS[name])])
     assert lenses.bends is bends
     assert not lenses.select(np.array([0, 0])).bends
+
+
+@pytest.mark.parametrize(("k1", "k2"), [(0.5, -0.2), (0.3, -0.25), (-0.25, 0.05)])
+def test_rays_lead_to_pixels_up_to_the_edge_of_the_lens_model(k1: float, k2: float) -> None:
+    model = CameraModel(
+        "c", 1280, 960, np.array([[400.0, 0, 640], [0, 400, 480], [0, 0, 1]]), "plumb_bob", np.array([k1, k2, 0, 0])
+    )
+    radii, angles = np.linspace(0, 0.97 * min(model.radius_limit, 1.5), 200), np.linspace(0, 2 * np.pi, 37)
+    flat = np.stack([np.outer(radii, np.cos(angles)), np.outer(radii, np.sin(angles))], -1).reshape(-1, 2)
+    pixels, valid = model.project(np.column_stack([flat, np.ones(len(flat))]))
+    assert valid.all()
+    rays, found = Lenses.of([model]).rays_of_pixels(pixels[None])
+    assert found.mean() > 0.99
+    np.testing.assert_allclose(rays[0, found[0], :2], flat[found[0]], atol=1e-3)
 
 
 def test_no_cameras() -> None:

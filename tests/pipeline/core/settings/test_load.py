@@ -63,6 +63,22 @@ def test_single_values_override_the_file(tmp_path: Path) -> None:
     assert config.topics.lidars == ("/a", "/b")
 
 
+def test_single_values_change_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_text("combine: {outliers: &off {enabled: false}, ground: *off}")
+    config = load_config(path, ("combine.ground.enabled=true",))
+    assert (config.combine.outliers.enabled, config.combine.ground.enabled) == (False, True)
+    given = {"max_range_m": 80.0}
+    assert load_config(None, {"combine": given, "combine.min_range_m": 2.0}).combine.min_range_m == 2.0
+    assert given == {"max_range_m": 80.0}
+
+
+def test_the_largest_size_of_a_class_is_no_smaller_than_its_usual_one() -> None:
+    classes = [{"name": "car", "size_m": [4, 2, 1.5], "max_size_m": [5, 1.8, 2]}]
+    with pytest.raises(ConfigError, match="max_size_m: expected no less than size_m"):
+        load_config(None, {"classes": classes})
+
+
 @pytest.mark.parametrize("override", ["sync", "=3", "sync.slop_s.x.y=1", "sync.slop=1", "run.workers=0"])
 def test_wrong_override(override: str) -> None:
     with pytest.raises(ConfigError):
@@ -73,8 +89,9 @@ def test_wrong_override(override: str) -> None:
     ("names", "fault"),
     [
         (["car", "car"], "a name is used twice"),
+        (["car", " Car"], "a name is used twice"),
         (["all"], "'all' names the figures of all classes; expected another name"),
-        (["unknown"], "'unknown' is what is of no class"),
+        (["Unknown"], "'unknown' is what is of no class"),
     ],
 )
 def test_names_that_classes_cannot_have(names: list[str], fault: str) -> None:

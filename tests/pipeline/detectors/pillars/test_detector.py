@@ -55,6 +55,7 @@ def test_boxes_stand_where_the_network_finds_them(tmp_path: Path, lidar_xy: tupl
     [
         ({"metadata": None}, (), r"net\.onnx: expected a 3D network .*, found none of its metadata"),
         ({"classes": []}, (), "found metadata with a fault: classes"),
+        ({"classes": [{"name": "car", "sigma_rad": 0}]}, (), r"found metadata with a fault: classes\.0\.sigma_rad"),
         ({"grid": {**GRID.model_dump(), "cell_m": -1}}, (), r"found metadata with a fault: grid\.cell_m"),
         ({"grid": {**GRID.model_dump(), "cells": 63}}, (), "found other features or another grid: train it anew"),
         ({"features": ["x"]}, (), "found other features or another grid: train it anew"),
