@@ -198,7 +198,11 @@ class Run:
                 source.settings,
                 moves=source.motion is not None or source.settings.moves,
             ),
-            DoubtedCheck(source.config, has_2d_boxes=box_source(source.config, source.rig) != "none"),
+            DoubtedCheck(
+                source.config,
+                has_2d_boxes=box_source(source.config, source.rig) != "none",
+                has_images=any(camera.topic for camera in source.rig.cameras),
+            ),
         )
         self._make_graph = partial(build_graph, source.config, source.rig, known, source.given, on_bad=drops.on_bad)
         self._graph, self._result = self._make_graph()

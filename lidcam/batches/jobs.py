@@ -2,8 +2,9 @@
 
 import glob
 import re
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import TypeVar
 from unicodedata import category
@@ -77,12 +78,12 @@ def find_jobs(given: Sequence[str], out: Location) -> list[BatchJob]:
     """
     jobs: list[BatchJob] = []
     try:
-        for text in _listed(given):
+        for text in _listed(given, out):
             jobs += _of(location(text), text, out)
     except OSError as err:
         raise RecordingError(f"{err.filename}: cannot be searched for recordings: {err.strerror}") from err
     by_name: dict[str, BatchJob] = {}
-    for job in jobs:
+    for job in _told_apart(jobs):
         other = by_name.setdefault(job.name, job)
         if other.inputs != job.inputs:
             raise RecordingError(
@@ -92,7 +93,21 @@ def find_jobs(given: Sequence[str], out: Location) -> list[BatchJob]:
     return [by_name[name] for name in sorted(by_name, key=natural_key)]
 
 
-def _listed(given: Iterable[str]) -> Iterator[str]:
+def _told_apart(jobs: Sequence[BatchJob]) -> list[BatchJob]:
+    """The jobs; of recordings beside each other whose names differ by their ending, that is a part of the name."""
+    inputs = defaultdict[str, set[tuple[Location, ...]]](set)
+    for job in jobs:
+        inputs[job.name].add(job.inputs)
+    told = []
+    for job in jobs:
+        beside = {str(one[0])[: -len(one[0].name)] for one in inputs[job.name]}
+        suffix = PurePath(job.inputs[0].name).suffix
+        is_twin = len(inputs[job.name]) > 1 and len(beside) == 1 and not job.fault
+        told.append(replace(job, name=f"{job.name}{suffix}") if is_twin else job)
+    return told
+
+
+def _listed(given: Iterable[str], out: Location) -> Iterator[str]:
     for text in given:
         if text.startswith("@"):
             path = Path(text[1:])
@@ -102,7 +117,7 @@ def _listed(given: Iterable[str]) -> Iterator[str]:
             found = sorted(glob.glob(text, recursive=True))  # noqa: PTH207  # absolute or relative, as it was given
             if not found:
                 raise RecordingError(f"{text}: expected recordings, found nothing of this pattern")
-            yield from found
+            yield from (one for one in found if not isinstance(out, Path) or Path(one).resolve() != out.resolve())
         else:
             yield text
 
@@ -160,7 +175,7 @@ def _is_searched(path: Path, out: Path | None) -> bool:
     """Whether what lies in a folder is a recording, or a folder that may hold some."""
     if path.is_dir():
         return not path.is_symlink() and path.resolve() != out and not path.name.startswith(".")
-    return path.is_file() and path.name.lower().endswith(ENDINGS)
+    return path.is_file() and path.name.lower().endswith(ENDINGS) and not path.name.startswith(".")
 
 
 def _is_recording(folder: Path) -> bool:

@@ -16,6 +16,7 @@ from lidcam.outputs.written import WrittenFile, written_file
 from lidcam.pipeline.core.text import brief
 from lidcam.readers.files.remote import open_remote
 from lidcam.readers.location import Location, RemotePath
+from lidcam.readers.ouster.description import descriptions_beside
 from lidcam.run.summary import RunSummary
 from lidcam.writers.outputs.marks import is_unchanged_text, marked_json
 
@@ -150,6 +151,8 @@ def _ends(place: Location) -> bytes:
             for at in (0, max(size - END_BYTES, 0)):
                 stream.seek(at)
                 digest.update(stream.read(END_BYTES))
+    for file, text in descriptions_beside([place]):
+        digest.update(f"{file.name} {text}\n".encode())
     return digest.digest()
 
 

@@ -68,7 +68,9 @@ def run_batch(
         for record in outcomes:
             found[record.name] = record
             told(record)
-    return [found[job.name] for job in jobs]
+    # What another batch had at work may be ready by now.
+    busy = {name: store.finished(name) for name, record in found.items() if record.state == "busy"}
+    return [busy.get(job.name) or found[job.name] for job in jobs]
 
 
 def _done(job: BatchJob, options: BatchOptions, store: Store, facts: Sequence[object], engine: Engine) -> JobRecord:
@@ -139,9 +141,11 @@ def process_batch(
         raise ConfigError("address: expected the engine ray with it")
     found = find_jobs(recordings, out)
     at_once = min(jobs or jobs_that_fit(len(found)), len(found))
-    cores = options.get("workers") or (1 if address else max(usable_cores() // at_once, 1))
-    options["workers"] = cores
     job = make_job((), overwrite=overwrite, **options)  # settings, rig and network are checked once
+    cores = job.config.run.workers or (1 if address else max(usable_cores() // at_once, 1))
+    if job.config.run.workers is None:
+        options["workers"] = cores
+        job = make_job((), overwrite=overwrite, **options)
     endings = [endings_of(option)[0] for option in outputs]
     store = Store(out)
     runs = RayEngine(jobs if address else at_once, cores, address) if engine == "ray" else LocalEngine(at_once)

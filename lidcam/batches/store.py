@@ -154,6 +154,11 @@ class Store:
             logger.warning("%s: its record in %s is damaged or of another version: it is processed again", job, RECORDS)
         return None
 
+    def finished(self, job: str) -> JobRecord | None:
+        """The record of a job that has ended; None where it has not."""
+        record = self.record(job)
+        return None if record is None or record.exit_code is None else record
+
     def keep(self, record: JobRecord) -> None:
         """Write the record of a job."""
         self.files.put(f"{RECORDS}/{record.name}.json", record_text(record))

@@ -22,8 +22,9 @@ MIN_RATIO = 5
 class DoubtedCheck:
     """Counts boxes by class: reported, and likely but below `fuse.min_score`."""
 
-    def __init__(self, config: Config, *, has_2d_boxes: bool) -> None:
+    def __init__(self, config: Config, *, has_2d_boxes: bool, has_images: bool = True) -> None:
         self._names, self._min_score, self._has_2d_boxes = config.class_names, config.fuse.min_score, has_2d_boxes
+        self._has_images = has_images
         self._doubted, self._reported = np.zeros((2, len(self._names)), np.int64)
 
     def add_frame(self, frame: FrameResult) -> None:
@@ -45,7 +46,9 @@ class DoubtedCheck:
             RunWarning(
                 "fuse.min_score",
                 f"{counts} boxes score {MIN_LIKELY:g} to {self._min_score:g}, below it",
-                "use --model-2d to tell which are right",
+                "use --model-2d to tell which are right"
+                if self._has_images
+                else "--set fuse.min_score=0.3 reports more of them",
             ),
         )
 

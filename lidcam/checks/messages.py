@@ -109,7 +109,7 @@ MIN_SAME_SHARE = 0.9
 """Minimum share of images that are the same as the one before; the noise of a sensor makes every image another one."""
 
 COMPARED_BYTES = 4096
-"""Number of bytes at the end of an image that are compared."""
+"""Number of bytes of an image, evenly spread, that are compared."""
 
 MIN_SHOWN = 20
 """Minimum number of objects in the view of a camera without 2D boxes that is named, over all frames."""
@@ -137,7 +137,7 @@ class CameraCheck:
             if message is None or not len(message.data):
                 continue
             last, data = self._last.get(name), message.data
-            self._last[name] = bytes(data[max(len(data) // 2, len(data) - COMPARED_BYTES) :])
+            self._last[name] = np.frombuffer(data, np.uint8)[:: len(data) // COMPARED_BYTES + 1].tobytes()
             self._images[name] += 1
             self._same[name] += self._last[name] == last
             if name in frame.detections.cameras:

@@ -58,7 +58,7 @@ def config_show(
 
     config = load_config(name)
     if as_json:
-        show_json(console(), json.loads(config.model_dump_json()))
+        show_json(console(), json.loads(config.model_dump_json(exclude_unset=changes)))
         return
     text = settings_file(name).read_text(encoding="utf-8") if changes else dump_config(config)
     console().print(Text(visible_lines(text.replace("\r\n", "\n"))), end="", soft_wrap=True)

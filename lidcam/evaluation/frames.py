@@ -7,6 +7,7 @@ from lidcam.pipeline.evaluation.evaluation_frame import (
     EvaluationFrame,
     ImageBoxes,
     ResultFrame,
+    SourceBoxes,
     TruthBoxes2D,
     TruthBoxes3D,
 )
@@ -57,12 +58,17 @@ class EvaluationFrames:
                 index=frame.index,
                 stamp_ns=frame.stamp_ns,
                 truth=truth,
-                sources=frame.sources,
+                sources={name: self._where_reported(source) for name, source in frame.sources.items()},
                 images={name: ImageBoxes(found, shown[name]) for name, found in frame.cameras.items()},
                 skew_ns=frame.skew_ns,
                 T_fixed_site=None if T_fixed_site is None else T_fixed_site.matrix,
                 sync=frame.sync,
             )
+
+    def _where_reported(self, source: SourceBoxes) -> SourceBoxes:
+        """The objects of a source, of which those where the zones let nothing be reported are ignored."""
+        is_ignored = ~is_reported(source.boxes.centers, self._result.rig.zones)
+        return replace(source, is_ignored=is_ignored) if is_ignored.any() else source
 
     def _truth_at(self, frame: ResultFrame) -> TruthBoxes3D | None:
         if self._truth is None:

@@ -11,9 +11,9 @@ from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.errors import CalibrationError
 from lidcam.pipeline.core.geometry.polygons import first_polygon_with
 from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.settings.model import OUTSIDE_ZONES
 from lidcam.pipeline.core.text import brief
 
-OUTSIDE_ZONES = "outside"
 """Name for the place of objects that no zone holds."""
 
 BOXES_SUFFIX = " (boxes)"

@@ -80,6 +80,8 @@ class SourceBoxes(Table):
     boxes: Boxes3D  # Its objects
     track_ids: I64  # (N,) int64, the same for the same object in all frames; `UNKNOWN` where the result has none
     motion: Motion | None = None  # Their motion; None if the source says nothing of it
+    # (N,) whether each is neither right nor wrong, as in a zone where nothing is reported; None if none is
+    is_ignored: Bools | None = None
 
     def __post_init__(self) -> None:
         self.check_rows()

@@ -29,6 +29,6 @@ def is_evaluated(truth: TruthBoxes3D, config: EvaluateConfig) -> Bools:
     without any, the object is taken to be seen.
     """
     lidar_points, image_pixels = truth.lidar_points, truth.image_pixels
-    seen = (lidar_points >= config.min_lidar_points) | (image_pixels > 0)
+    seen = (lidar_points >= config.min_lidar_points) | (image_pixels > 0) | (config.min_lidar_points == 0)
     seen |= (lidar_points == UNKNOWN) & (image_pixels == UNKNOWN)
     return np.asarray(seen & (truth.class_ids != UNKNOWN) & ~truth.is_ignored & is_within(truth.centers, config))

@@ -39,6 +39,7 @@ class FoundObjects(Table):
     boxes: Boxes3D  # The detections; their stamp and frame of reference mean nothing
     track_ids: I64  # (N,) int64, or `UNKNOWN`
     motion: Motion  # Motion of their tracks
+    is_ignored: Bools  # (N,) as of `SourceBoxes`
 
     @classmethod
     def of(cls, sources: Sequence[SourceBoxes | None], first_frame: int) -> "FoundObjects":
@@ -49,7 +50,12 @@ class FoundObjects(Table):
             join_rows(Boxes3D.empty(0, ""), *(source.boxes for source in given)),
             np.concatenate([np.zeros(0, np.int64), *(source.track_ids for source in given)]),
             join_rows(Motion.unknown(0), *(source.motion or Motion.unknown(len(source)) for source in given)),
+            np.concatenate([np.zeros(0, np.bool_), *map(_are_ignored, given)]),
         )
+
+
+def _are_ignored(source: SourceBoxes) -> Bools:
+    return np.zeros(len(source), np.bool_) if source.is_ignored is None else source.is_ignored
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -62,6 +62,8 @@ def test_config(lidcam: Lidcam, tmp_path: Path) -> None:
             assert load_config(tmp_path / "shown.yaml") == load_config(name)
         assert len(changes.out) < len(whole.out)
         assert json.loads(lidcam("config", "show", name, "--json").out)["fuse"] == yaml.safe_load(whole.out)["fuse"]
+        asked = json.loads(lidcam("config", "show", name, "--changes", "--json").out)
+        assert asked.keys() == yaml.safe_load(changes.out).keys()
     words = " ".join(lidcam("config", "explain", "detect3d.cluster.distance_m").out.split())
     assert words == (
         "detect3d.cluster.distance_m Points nearer to each other than this belong together, close to a lidar. "

@@ -50,11 +50,13 @@ def source_boxes(
     *,
     scores: Sequence[float] | None = None,
     class_ids: Sequence[int] | None = None,
+    is_ignored: Sequence[bool] | None = None,
 ) -> SourceBoxes:
     """Results from rows x, y, z, length, width, height, yaw; score 0.5, class 0 and no tracks unless given."""
     boxes = boxes3d(rows, scores=scores, class_ids=class_ids)
     n = len(boxes)
-    return SourceBoxes(boxes, np.full(n, UNKNOWN, np.int64) if tracks is None else np.array(tracks, np.int64))
+    track_ids = np.full(n, UNKNOWN, np.int64) if tracks is None else np.array(tracks, np.int64)
+    return SourceBoxes(boxes, track_ids, is_ignored=None if is_ignored is None else np.array(is_ignored))
 
 
 def frame_of(

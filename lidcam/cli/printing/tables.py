@@ -10,7 +10,8 @@ from rich.style import StyleType
 from rich.table import Table
 
 from lidcam.cli.printing.folding import Folded
-from lidcam.pipeline.core.rig import BOXES_SUFFIX, OUTSIDE_ZONES
+from lidcam.pipeline.core.rig import BOXES_SUFFIX
+from lidcam.pipeline.core.settings.model import OUTSIDE_ZONES
 from lidcam.pipeline.evaluation.road_users import RoadUsers
 from lidcam.readers.rig.calibration import SensorSource
 from lidcam.readers.streams.survey import TopicSurvey

@@ -340,6 +340,8 @@ def read(
 ) -> "LabelledRecordings | None":
     """Recordings to learn from, as by `read_recordings`; None if there are none."""
     if not recordings:
+        if config or settings or rig:
+            raise typer.BadParameter("--config, --set and --rig say how to read recordings: give --recordings, too")
         return None
     from lidcam.cli.printing.progress import show_training
     from lidcam.training.recordings import read_recordings

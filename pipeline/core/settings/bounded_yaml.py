@@ -33,6 +33,15 @@ class _Loader(yaml.SafeLoader):
         self._weights.setdefault(id(node), self._values - before)
         return node
 
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """As a SafeLoader does, which takes the last of several equal keys without a word."""
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if key.tag == "tag:yaml.org,2002:str" and key.value in seen:
+                raise yaml.YAMLError(f"{key.value!r} is given twice, again in line {key.start_mark.line + 1}")
+            seen.add(key.value if isinstance(key.value, str) else "")
+        return super().construct_mapping(node, deep)
+
 
 def parse_yaml(text: str | bytes) -> Any:
     """The value that `yaml.safe_load` returns, of a text within the bounds.

@@ -116,7 +116,7 @@ class Gathering:
             found=boxes,
             truth=truth.boxes,
             is_evaluated=table.is_evaluated,
-            is_ignored=~is_within(boxes.centers, self._settings),
+            is_ignored=found.is_ignored | ~is_within(boxes.centers, self._settings),
         )
         errors = np.full((len(found), len(Column)), np.nan, np.float32)
         right = np.flatnonzero(matches[:, criteria.position_column] >= 0)

@@ -119,8 +119,9 @@ def match_frame(
         Pairs that may belong together, the matches (N,) of `match_criteria`, and which true objects (T,) are evaluated.
     """
     found, position, counted = source.boxes, criteria.position, is_evaluated(truth, config)
-    pairs = pairs_near(FoundObjects.of([source], 0), TrueObjects.of([truth], 0), criteria.scales)
-    is_ignored = ~is_within(found.centers, config)
+    objects = FoundObjects.of([source], 0)
+    pairs = pairs_near(objects, TrueObjects.of([truth], 0), criteria.scales)
+    is_ignored = objects.is_ignored | ~is_within(found.centers, config)
     matches = match_criteria(
         pairs, [position], rules=criteria, found=found, truth=truth, is_evaluated=counted, is_ignored=is_ignored
     )

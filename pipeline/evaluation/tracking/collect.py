@@ -109,7 +109,7 @@ class Collection:
         true_ids = counted.boxes.class_ids
         is_van = self._vans.among(true_ids, counted.boxes.labels)
         pairs = pairs.select(self._vans.fit(true_ids[pairs.truth], is_van[pairs.truth], class_ids[pairs.found]))
-        kept = is_within(found.boxes.centers, self._config.evaluate)
+        kept = ~found.is_ignored & is_within(found.boxes.centers, self._config.evaluate)
         beside = pairs_near(found, ignored, self._scales)
         kept[beside.found[beside.distances_m < self._max_distances_m[class_ids[beside.found]]]] = False
         if not kept.all():

@@ -76,6 +76,22 @@ def test_a_bag_folder_that_one_is_in(tmp_path: Path, monkeypatch: pytest.MonkeyP
         assert [job.name for job in find_jobs([given], tmp_path / "out")] == ["bag"]
 
 
+def test_a_recording_and_its_conversion_beside_it(tmp_path: Path) -> None:
+    logs = tmp_path / "logs"
+    (logs / "sub").mkdir(parents=True)
+    for name in ("drive.bag", "drive.mcap", "other.bag", "sub/drive.bag", "._other.bag"):
+        (logs / name).write_bytes(b"1")
+    assert names([logs], tmp_path / "out") == ["drive.bag", "drive.mcap", "other", "sub/drive"]
+
+
+def test_a_pattern_that_the_results_fit_does_not_take_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.bag").write_bytes(b"1")
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "a.mcap").write_bytes(b"1")
+    monkeypatch.chdir(tmp_path)
+    assert names(["*"], Path("results")) == ["a"]
+
+
 @pytest.mark.parametrize(
     ("given", "fault"),
     [

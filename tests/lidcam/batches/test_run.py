@@ -86,6 +86,14 @@ def test_a_job_at_which_another_batch_is_at_work_is_left_to_it(jobs: list[BatchJ
         Store(options.out).keep(JobRecord("a", "a.bag", "key", "begun"))
         assert done(jobs, options)[0] == ["busy", "failed", "incomplete"]
 
+        def ready(record: JobRecord) -> None:
+            """The other batch ends while this one is at work."""
+            if record.name == "a":
+                Store(options.out).keep(JobRecord("a", "a.bag", "key", "done", exit_code=0, frames=3))
+
+        (first, *_) = run_batch(jobs, options, Written(), ready)
+        assert (first.state, first.frames) == ("done", 3)
+
 
 @pytest.fixture
 def held(tmp_path: Path) -> Iterator[int]:

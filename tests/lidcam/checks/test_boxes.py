@@ -26,8 +26,8 @@ def seen(class_ids: list[int], beliefs: list[float], reported: list[int]) -> Fra
     return replace(frame(), hypotheses=hypotheses, beliefs=np.array(beliefs, np.float64), fused=fused)
 
 
-def told(frames: list[FrameResult], *, has_2d_boxes: bool = False) -> list[str]:
-    check = DoubtedCheck(CONFIG, has_2d_boxes=has_2d_boxes)
+def told(frames: list[FrameResult], *, has_2d_boxes: bool = False, has_images: bool = True) -> list[str]:
+    check = DoubtedCheck(CONFIG, has_2d_boxes=has_2d_boxes, has_images=has_images)
     for one in frames:
         check.add_frame(one)
     return [str(warning) for warning in check.warnings]
@@ -40,6 +40,8 @@ def test_what_is_likely_and_hardly_reported_is_told() -> None:
         "fuse.min_score: 20 pedestrian boxes score 0.2 to 0.5, below it; use --model-2d to tell which are right"
     )
     assert told(likely, has_2d_boxes=True) == []
+    (warning,) = told(likely, has_images=False)
+    assert warning.endswith("; --set fuse.min_score=0.3 reports more of them")
 
 
 @pytest.mark.parametrize(

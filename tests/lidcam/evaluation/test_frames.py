@@ -13,10 +13,12 @@ from frames import CONFIG, COVARIANCE, PERIOD_NS, PROVENANCE, RIG, START_NS, fra
 from truth_messages import true_object, truth_message
 
 from lidcam.evaluation.frames import EvaluationFrames
+from lidcam.pipeline.core.arrays import F64, Bools
 from lidcam.pipeline.core.detections import Source
 from lidcam.pipeline.core.errors import FrameError
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.rig import Zone, ZoneUse
 from lidcam.pipeline.core.settings.load import dump_config
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes2D, TruthBoxes3D
 from lidcam.readers.results.result import open_result
@@ -102,6 +104,22 @@ def test_truth_in_the_site_frame(tmp_path: Path) -> None:
         assert right.labels.tolist() == ["car", "van"]
         assert left.stamp_ns == one.stamp_ns + 1_000_001
     assert of.notes == ("truth: /ground_truth/objects of truth.mcap (by its name)",)
+
+
+@pytest.mark.parametrize("use", ["ignore", "detect"])
+def test_what_lies_where_nothing_is_reported_is_ignored(tmp_path: Path, use: ZoneUse) -> None:
+    path, truth = result_file(tmp_path / "out.mcap", [frame()]), truth_file(tmp_path / "truth.mcap", cars())
+    zone = Zone("near", np.array([[-15.0, -1e4], [15, -1e4], [15, 1e4], [-15, 1e4]]), use)
+    with open_result(path) as result, open_truth(result, [truth]) as found:
+        (plain,) = EvaluationFrames(result, found)
+        result.rig = replace(result.rig, zones=(zone,))
+        (one,) = EvaluationFrames(result, found)
+    assert all(source.is_ignored is None for source in plain.sources.values())
+    places: list[tuple[F64, Bools | None]] = [(truth_of(one).centers, truth_of(one).is_ignored)]
+    places += [(source.boxes.centers, source.is_ignored) for source in one.sources.values()]
+    for centers, is_ignored in places:
+        expected = (np.abs(centers[:, 0]) <= 15) == (use == "ignore")
+        assert (np.zeros(len(centers)) if is_ignored is None else is_ignored).tolist() == expected.tolist()
 
 
 def test_truth_in_a_frame_that_the_site_moves_in(tmp_path: Path) -> None:

@@ -44,6 +44,17 @@ def test_what_is_there_stays(
     assert (tmp_path / name).read_text(encoding="utf-8") == "mine"
 
 
+@pytest.mark.parametrize("option", ["--config", "--set", "--rig"])
+@pytest.mark.parametrize("network", ["clusters --out a.npz", "pillars --steps 1 --out a.onnx"])
+def test_how_to_read_recordings_needs_some(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str, network: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["train", *network.split(), option, "sandbox"])
+    assert done.exit_code == 2
+    assert "give --recordings" in " ".join(done.output.replace("│", " ").split())
+
+
 @pytest.mark.parametrize("option", ["--recordings", "--from"])
 def test_the_state_of_a_training_stays_until_another_begins(tmp_path: Path, option: str) -> None:
     state = tmp_path / "mine.ckpt"

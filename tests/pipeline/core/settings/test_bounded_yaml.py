@@ -29,6 +29,7 @@ MERGES = "a: &a {x: 1}\n" + "\n".join(
         ("- " * 2000 + "a", "nested too deeply"),
         ("a: 2001-99-99", "not a valid value: month must be in 1..12"),
         (f"a: {'9' * 5000}", "not a valid value"),
+        ("a: {b: 1}\nc: 2\na: {d: 3}", "'a' is given twice, again in line 3"),
     ],
 )
 def test_what_stands_for_too_much_is_refused_in_one_line(

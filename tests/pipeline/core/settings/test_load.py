@@ -79,6 +79,23 @@ def test_the_largest_size_of_a_class_is_no_smaller_than_its_usual_one() -> None:
         load_config(None, {"classes": classes})
 
 
+@pytest.mark.parametrize(
+    "override", ["sync.slop_s=yes", "fuse.min_score=on", "run.workers=true", "combine.outliers.std_ratio=off"]
+)
+def test_switches_are_no_numbers(override: str) -> None:
+    with pytest.raises(ConfigError, match="expected a number, found a switch"):
+        load_config(None, (override,))
+
+
+def test_no_zone_is_called_as_the_rest_of_the_site() -> None:
+    with pytest.raises(ConfigError, match="'outside' names what lies in no zone"):
+        load_config(None, {"rig.zones": {"outside": [[0, 0], [1, 0], [1, 1]]}})
+
+
+def test_any_object_may_have_to_be_found() -> None:
+    assert load_config(None, {"evaluate.min_lidar_points": 0}).evaluate.min_lidar_points == 0
+
+
 @pytest.mark.parametrize("override", ["sync", "=3", "sync.slop_s.x.y=1", "sync.slop=1", "run.workers=0"])
 def test_wrong_override(override: str) -> None:
     with pytest.raises(ConfigError):

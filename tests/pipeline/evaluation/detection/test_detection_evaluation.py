@@ -1,5 +1,6 @@
 """Detections that are right, false or ignored, and missed objects, by place."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -87,6 +88,12 @@ def test_what_is_ignored_is_neither_missed_nor_an_error(columns: dict[str, Any])
     assert counts(figures(truth((10, 0), **columns), found())["all"]) == {"truth_ignored": 1}
 
 
+@pytest.mark.parametrize("columns", [{"lidar_points": [0], "image_pixels": [0]}, {"image_pixels": [0]}])
+def test_hidden_objects_have_to_be_found_where_that_is_asked_for(columns: dict[str, Any]) -> None:
+    tree = figures(truth((10, 0), **columns), found((10, 0, 0.9)), config(min_lidar_points=0))
+    assert counts(tree["car"]) == {"truth": 1, "found": 1, "right": 1}
+
+
 @pytest.mark.parametrize("settings", [{"max_range_m": 20.0}, {"region": ((-20, -20), (20, -20), (20, 20), (-20, 20))}])
 def test_what_lies_outside_is_not_evaluated(settings: dict[str, Any]) -> None:
     true = truth((10, 0), (19.5, 0), (20.5, 5), (60, 0))
@@ -96,6 +103,13 @@ def test_what_lies_outside_is_not_evaluated(settings: dict[str, Any]) -> None:
     tree = figures(true, boxes, config(**settings))["car"]
     assert counts(tree) == expected
     assert tree["ap_bev_r40_50"] is not None
+
+
+def test_what_is_ignored_is_not_evaluated() -> None:
+    boxes = found((10, 0, 0.9), (40, 0, 0.5), (0, 10, 0.4))
+    ignored = replace(boxes, is_ignored=np.array([True, True, False]))
+    tree = figures(truth((10, 0)), ignored)["car"]
+    assert counts(tree) == {"truth": 1, "found": 3, "right": 1, "ignored": 1, "false": 1}
 
 
 def test_the_wrong_class_is_a_miss_and_a_false_detection() -> None:

@@ -145,6 +145,18 @@ def test_ignored_truth_is_neither_a_miss_nor_an_error(truth: TruthBoxes3D) -> No
     assert errors(fused([elsewhere], name="all")) == {"false_positives": 1}
 
 
+def test_ignored_boxes_are_no_errors() -> None:
+    frames = [
+        frame_of(
+            k,
+            truth_boxes([car(0.5 * k)], [7]),
+            {"fused": source_boxes([car(0.5 * k), car(30.0)], [3, 4], is_ignored=[True, True])},
+        )
+        for k in range(10)
+    ]
+    assert errors(fused(frames)) == {}, "one that shows an object that has to be found counts all the same"
+
+
 def test_boxes_without_a_track_of_their_own_do_not_count() -> None:
     found = source_boxes([car(0), car(0.1), car(20), car(60)], [1, 1, -1, 2], scores=[0.5, 0.9, 0.5, 0.5])
     figures = fused([frame_of(0, truth_boxes([car(0)], [1]), {"fused": found})])
