@@ -388,8 +388,8 @@ def export(
 ) -> Exported:
     """Write results as a data set: clouds, images, calibration, boxes.
 
-    Labels are the ground truth if there is any, else lidcam's objects, which are always written as scored detections,
-    too.
+    Labels are the ground truth if there is any, else lidcam's objects. All formats but yolo and cvat also contain these
+    objects as scored detections.
 
     Args:
         results: The .mcap files that runs wrote, one scene each, with different names.
@@ -397,7 +397,7 @@ def export(
         format: Layout of the data set.
         only: `confirmed`: only objects that a camera confirms.
         every: Every Nth frame only.
-        camera: Camera for KITTI's image_2. Default: the first with images.
+        camera: Camera for KITTI's image_2 (default: the first with images), or the only one of coco and yolo.
         truth: Ground truth: a recording with truth topics, or labels. Default: the topics copied into the results.
 
     Returns:

@@ -52,13 +52,16 @@ def recording_stem(name: str) -> str:
 def location(text: str) -> Location:
     """The location that a command line argument names: a URL (`https://...`, `s3://...`), or a path, also `file://`.
 
+    `.` and `..`, which have no name, are the folders that they stand for.
+
     Raises:
         RecordingError: it is empty, as of a variable that is not set; as a path, that is the folder that one is in.
     """
     if not text:
         raise RecordingError("expected a path or a URL, found an empty name; is a variable not set?")
     if URL.match(text) is None:
-        return Path(text)
+        path = Path(text)
+        return path.resolve() if path.name in {"", ".."} else path
     protocol, rest = _parts(text)
     if protocol == "file":
         return Path(unquote(urlsplit(text).path))

@@ -156,7 +156,7 @@ def process(
 
 def _places(paths: Sequence[str], out: str | None) -> "tuple[list[Location], Any, Path | None]":
     """The inputs, the result, and the folder that it is written into if only that is known."""
-    *inputs, last = map(_named, map(location, paths))
+    *inputs, last = map(location, paths)
     if out is not None or not inputs:
         if out is not None and inputs and _is_output(last):
             raise typer.BadParameter(f"names the output, and so does {last}: leave one out", param_hint="--out")
@@ -173,11 +173,6 @@ def _places(paths: Sequence[str], out: str | None) -> "tuple[list[Location], Any
         what = several if is_recording else " (see --rerun, --report, --objects)"
         raise typer.BadParameter(f"the output comes last and ends in .mcap, found {last}{what}", param_hint="OUT.mcap")
     return inputs, last, None
-
-
-def _named(place: Location) -> Location:
-    """A place with a name of its own: `.` and `..` have none."""
-    return place.resolve() if isinstance(place, Path) and place.name in {"", ".."} else place
 
 
 def _is_output(place: Location) -> bool:

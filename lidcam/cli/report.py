@@ -7,6 +7,7 @@ import typer
 
 from lidcam.cli.options import Overwrite, output_option, with_log_options
 from lidcam.cli.printing.log import remark_log
+from lidcam.cli.verdict import Verdict
 
 # \b keeps the lines of a paragraph as they are.
 REPORT_EXAMPLES = """\b
@@ -30,5 +31,6 @@ def report(
     from lidcam.outputs.report.make import write_page
 
     page = out or result.with_suffix(".html")
-    write_page(result, page, overwrite=overwrite, show=show_progress)
+    incomplete = write_page(result, page, overwrite=overwrite, show=show_progress)
     remark_log.info("wrote %s", page)
+    Verdict((), incomplete).end()

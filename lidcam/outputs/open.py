@@ -87,4 +87,5 @@ def make_pages(job: Job, outputs: OutputTransaction) -> None:
             (result,) = (one for one in job.outputs if one.suffix == ".mcap")
             film = result.with_suffix(".mp4")
             name = film.name if film in job.outputs and path.parent == result.parent else ""
-            outputs[path].write_text(loaded(output.made_of_result)(outputs[result].part, film=name))
+            html, _ = loaded(output.made_of_result)(outputs[result].part, film=name)
+            outputs[path].write_text(html)

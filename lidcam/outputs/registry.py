@@ -22,7 +22,7 @@ class Output:
     # Ending of its name; empty: a folder; None: no file, but a view of the run while it goes on
     ending: str | None = None
     open: str = ""  # Function that makes its `ResultWriter` of an `Opening` (`lidcam.outputs.writers`)
-    made_of_result: str = ""  # Function that makes its text of the finished result, in place of a writer
+    made_of_result: str = ""  # Function that makes its text and what the result lacks, in place of a writer
     # Function that says whether a run of lidcam wrote what stands at a path, so that a later one may replace it. It
     # raises OSError where that cannot be read
     is_own: str = ""

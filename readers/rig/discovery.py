@@ -3,7 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from lidcam.pipeline.core.errors import CalibrationError, LidcamError
+from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.messages.tf import RecordedTransforms
@@ -102,6 +105,7 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
     if not rig.lidars and not rig.detectors:
         raise CalibrationError(_no_lidar([*of_lidars.faults, *of_boxes.faults], found.site))
     rig, usual_ns, of_clocks = _with_clocks_set(rig, found)
+    rig = _with_own_frames(rig, of_cameras.notes)
     offsets_ns = {lidar.name: lidar.time_offset_ns for lidar in rig.lidars}
     offsets_ns |= {camera.name: camera.time_offset_ns for camera in rig.cameras}
     sources = {name: replace(one, time_offset_ms=offsets_ns[name] / 1e6) for name, one in sources.items()}
@@ -117,6 +121,21 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
         found.transforms,
         usual_ns,
     )
+
+
+def _with_own_frames(rig: Rig, notes: list[str]) -> Rig:
+    """The rig, whose cameras have frames of their own: as drivers come, several may share a name."""
+    placed = {lidar.T_site_lidar.src: lidar.T_site_lidar.matrix for lidar in rig.lidars}
+    cameras = []
+    for camera in rig.cameras:
+        pose, frame = camera.T_camera_site, camera.T_camera_site.dst
+        T_site_camera = pose.inverse().matrix
+        if not np.allclose(placed.setdefault(frame, T_site_camera), T_site_camera, atol=1e-6):
+            own = f"{frame}_{camera.name}"
+            camera = replace(camera, T_camera_site=Transform(own, pose.src, pose.matrix))
+            notes.append(f"{camera.name}: another sensor has its frame {frame}, too; in the result it is {own}")
+        cameras.append(camera)
+    return replace(rig, cameras=tuple(cameras))
 
 
 def _with_clocks_set(rig: Rig, found: FoundSensors) -> tuple[Rig, int, list[str]]:

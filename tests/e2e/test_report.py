@@ -46,6 +46,15 @@ def test_a_run_and_the_command_write_the_same(folder: Path) -> None:
     assert "exists and is no page about a result" in refused.error_line
 
 
+def test_a_page_about_a_damaged_result_says_so(folder: Path) -> None:
+    content = (folder / "out.mcap").read_bytes()
+    (folder / "cut.mcap").write_bytes(content[: 2 * len(content) // 3])
+    done = called(folder, "report", "cut.mcap")
+    assert done.code == 3
+    assert "cut.mcap" in done.error_line
+    assert (folder / "cut.html").exists()
+
+
 def test_a_page_says_what_was_seen_and_stands_alone(folder: Path) -> None:
     page = (folder / "out.html").read_text(encoding="utf-8")
     content = without_scripts(page)
@@ -91,7 +100,8 @@ def test_what_is_lacking_is_said(tmp_path: Path, settings: dict[str, object], sa
     mcap = tmp_path / "out.mcap"
     settings = {"detect3d.method": "cluster"} | settings
     lidcam.process(SANDBOX, mcap, config="sandbox", settings=settings, duration_s=0.3, workers=1)
-    made = make_page(mcap)
+    made, incomplete = make_page(mcap)
+    assert incomplete == ()
     assert said in made
     (tmp_path / "other").mkdir()
-    assert make_page(mcap.rename(tmp_path / "other" / "out.mcap")) == made
+    assert make_page(mcap.rename(tmp_path / "other" / "out.mcap"))[0] == made

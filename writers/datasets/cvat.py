@@ -18,10 +18,15 @@ POINT_CLOUD_MEDIA = 6
 """Datumaro's number of a data set of clouds."""
 
 
+IN_TRACK = {"keyframe": True, "outside": False, "occluded": False}
+"""Attributes of a box of a track."""
+
+
 class CvatWriter:
     """Writes `pointcloud/`, `related_images/`, `labels.json` and `annotations/default.json`.
 
-    Boxes are the truth where there is one, else what lidcam found. Those of a track become a track.
+    Boxes are the truth where there is one, else what lidcam found. Those of a track and one class become a track
+    with a key frame in each frame: what CVAT takes for a track has these attributes.
 
     Args:
         folder: The new folder.
@@ -32,7 +37,7 @@ class CvatWriter:
     def __init__(self, folder: Path, _camera: str = "") -> None:
         self.written, self.left_out, self.remarks = Counter[str](), Counter[str](), list[str]()
         self._folder, self._items, self._labels = folder, list[Any](), list[str]()
-        self._tracks = dict[tuple[str, int], int]()
+        self._tracks = dict[tuple[str, int, str], int]()
         self._scene: DatasetScene
 
     def begin(self, scene: DatasetScene) -> None:
@@ -80,7 +85,7 @@ class CvatWriter:
             {
                 "id": row,
                 "type": "cuboid_3d",
-                "attributes": {"track_id": self._track(track)} if track >= 0 else {},
+                "attributes": {"track_id": self._track(track, name), **IN_TRACK} if track >= 0 else {},
                 "group": 0,
                 "label_id": self._labels.index(name),
                 "position": boxes.centers[row].round(4).tolist(),
@@ -90,9 +95,9 @@ class CvatWriter:
             for row, (name, track) in enumerate(zip(boxes.names.tolist(), boxes.tracks.tolist(), strict=True))
         ]
 
-    def _track(self, track: int) -> int:
-        """The number of a track of the scene, from 0 over all scenes."""
-        return self._tracks.setdefault((self._scene.name, track), len(self._tracks))
+    def _track(self, track: int, name: str) -> int:
+        """The number of a track of the scene and of one class, from 0 over all scenes."""
+        return self._tracks.setdefault((self._scene.name, track, name), len(self._tracks))
 
 
 def pcd(points: F32) -> bytes:

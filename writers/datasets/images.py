@@ -80,9 +80,11 @@ class ImageWriter(ABC):
     def __init__(self, folder: Path, _camera: str = "") -> None:
         self.written, self.left_out, self.remarks = Counter[str](), Counter[str](), list[str]()
         self._folder, self._numbers = folder, dict[str, int]()
+        self._scenes, self._tracks = 0, dict[tuple[int, int], int]()
 
     def begin(self, class_names: Sequence[str]) -> None:
         """Begin a result, whose classes are these; they are numbered in the order in which results name them."""
+        self._scenes += 1
         for name in class_names:
             self._numbers.setdefault(name, len(self._numbers))
 
@@ -101,9 +103,11 @@ class ImageWriter(ABC):
     def _add_image(self, image: LabelledImage) -> None:
         """Write an image and its boxes."""
 
-    def _write(self, path: str, data: bytes) -> None:
+    def _write(self, path: str, data: bytes, *, is_new: bool = False) -> None:
         (self._folder / path).parent.mkdir(parents=True, exist_ok=True)
-        (self._folder / path).write_bytes(data)
+        # Two cameras or results may give two images one name.
+        with (self._folder / path).open("xb" if is_new else "wb") as file:
+            file.write(data)
 
 
 class CocoWriter(ImageWriter):
@@ -114,7 +118,7 @@ class CocoWriter(ImageWriter):
         self._images, self._annotations, self._results = list[Any](), list[Any](), list[Any]()
 
     def _add_image(self, image: LabelledImage) -> None:
-        self._write(f"images/{image.name}{image.ending}", image.data)
+        self._write(f"images/{image.name}{image.ending}", image.data, is_new=True)
         number = len(self._images) + 1
         size = {"width": image.width_px, "height": image.height_px}
         origin = {"camera": image.camera, "frame": image.frame, "stamp_ns": image.stamp_ns}
@@ -133,6 +137,10 @@ class CocoWriter(ImageWriter):
         for path, value in (("annotations/instances.json", instances), ("results.json", self._results)):
             self._write(path, json.dumps(value, allow_nan=False).encode())
 
+    def _track(self, track: int) -> int:
+        """The number of a track of a scene, from 1 over all scenes: those of a truth may be too large for JSON."""
+        return self._tracks.setdefault((self._scenes, track), len(self._tracks) + 1)
+
     def _boxes(self, labels: ImageLabels, image_id: int) -> list[dict[str, Any]]:
         boxes = []
         for row, (left, top, right, bottom) in enumerate(labels.xyxy.astype(np.float64).round(2).tolist()):
@@ -143,7 +151,7 @@ class CocoWriter(ImageWriter):
                 "score": round(float(labels.scores[row]), 6),
                 "origin": str(labels.origins[row]),
             }
-            boxes.append(box | ({"track_id": int(labels.tracks[row])} if labels.tracks[row] >= 0 else {}))
+            boxes.append(box | ({"track_id": self._track(int(labels.tracks[row]))} if labels.tracks[row] >= 0 else {}))
         return boxes
 
 
@@ -152,7 +160,7 @@ class YoloWriter(ImageWriter):
 
     def _add_image(self, image: LabelledImage) -> None:
         part = "val" if image.is_late else "train"
-        self._write(f"images/{part}/{image.name}{image.ending}", image.data)
+        self._write(f"images/{part}/{image.name}{image.ending}", image.data, is_new=True)
         self.written[part] += 1
         size = image.width_px, image.height_px
         corners = image.labels.xyxy.reshape(-1, 2, 2) / size

@@ -31,6 +31,11 @@ KITTI_NAMES: Mapping[str, str] = {
     "tram": "Tram",
 }
 
+TRACKING_NAMES: Mapping[str, str] = {**KITTI_NAMES, "person_sitting": "Person"}
+
+MIN_SIDE_PX = 2.0
+"""Minimum width and height of a box in the image: less shows nothing of an object."""
+
 CAMERAS = range(4)
 """Every calibration has four projections; here all are of the one camera."""
 
@@ -60,6 +65,7 @@ class KittiWriter:
     """
 
     names: Mapping[str, str] = KITTI_NAMES
+    transforms = "R0_rect:", "Tr_velo_to_cam:", "Tr_imu_to_velo:"
 
     def __init__(self, folder: Path, camera: str = "") -> None:
         self.written, self.left_out, self.remarks = Counter[str](), Counter[str](), list[str]()
@@ -91,7 +97,10 @@ class KittiWriter:
         self._begin_files()
 
     def add_frame(self, frame: DatasetFrame) -> None:
-        """See `DatasetWriter`; a frame without an image of the camera is left out."""
+        """See `DatasetWriter`; a frame without an image of the camera is left out.
+
+        Boxes in the image are those of its time, those in 3D of the frame's.
+        """
         image = frame.images.get(self._camera.name)
         if image is None or frame.cloud is None:
             self.left_out[f"frames without an image of {self._camera.name}"] += 1
@@ -124,26 +133,27 @@ class KittiWriter:
     def _write_labels(self, frame: DatasetFrame) -> None:
         self._new("training", "", "calib", "txt").write_text(self._calibration())
         truth = frame.objects if frame.truth is None else frame.truth
-        labels = self._lines(truth, has_scores=False)
+        labels = self._lines(frame, truth, has_scores=False)
         self._new("training", "", "label_2", "txt").write_text("".join(labels))
         self.written["boxes"] += len(labels)
-        found = self._lines(frame.objects, has_scores=True, is_counted=frame.truth is not None)
+        found = self._lines(frame, frame.objects, has_scores=True, is_counted=frame.truth is not None)
         self._new("results/lidcam", "", "data", "txt").write_text("".join(found))
 
     def _calibration(self) -> str:
         R0 = level_rectification(self._camera)
         projection = np.column_stack([self._camera.model.K @ R0.T, np.zeros(3)])
         T_camera_velo = self._camera.T_camera_site.matrix @ self._scene.T_site_cloud
-        lines = {f"P{number}": projection for number in CAMERAS}
-        lines |= {"R0_rect": R0, "Tr_velo_to_cam": T_camera_velo[:3], "Tr_imu_to_velo": np.eye(4)[:3]}
-        return "".join(f"{name}: {' '.join(f'{x:.12e}' for x in matrix.ravel())}\n" for name, matrix in lines.items())
+        lines = {f"P{number}:": projection for number in CAMERAS}
+        lines |= zip(self.transforms, (R0, T_camera_velo[:3], np.eye(4)[:3]), strict=True)
+        return "".join(f"{name} {' '.join(f'{x:.12e}' for x in matrix.ravel())}\n" for name, matrix in lines.items())
 
-    def _lines(self, boxes: DatasetBoxes, *, has_scores: bool, is_counted: bool = True) -> list[str]:
+    def _lines(
+        self, frame: DatasetFrame, boxes: DatasetBoxes, *, has_scores: bool, is_counted: bool = True
+    ) -> list[str]:
         """The lines of the boxes that the image shows; what is left out is counted once."""
-        corners = box_corners(boxes.centers, boxes.sizes, boxes.yaws)
-        corners_camera = np.asarray(self._camera.T_camera_site.apply(corners), np.float64)
+        corners_camera = self._in_camera(frame, boxes)
         seen = self._model.project_boxes(corners_camera).astype(np.float64)
-        is_seen = np.isfinite(seen).all(1)
+        is_seen = (seen[:, 2:] - seen[:, :2] >= MIN_SIDE_PX).all(1)
         if is_counted and not is_seen.all():
             self.left_out[f"boxes that {self._camera.name} does not see"] += int((~is_seen).sum())
         truncated = self._truncated(corners_camera, seen)
@@ -162,6 +172,16 @@ class KittiWriter:
             lines.append(f"{boxes.names[row]} {shown} {alphas[row]:.4f} {box} {place}{score}\n")
         return lines
 
+    def _in_camera(self, frame: DatasetFrame, boxes: DatasetBoxes) -> F64:
+        """(N, 8, 3) corners of boxes in the frame of the camera, at the time of its image."""
+        image = frame.images[self._camera.name]
+        moved_m = np.nan_to_num(boxes.velocities) * ((image.stamp_ns - frame.stamp_ns) * 1e-9)
+        corners = box_corners(boxes.centers + np.pad(moved_m, ((0, 0), (0, 1))), boxes.sizes, boxes.yaws)
+        T_camera_site = self._camera.T_camera_site.matrix
+        if image.T_fixed_site is not None and frame.T_fixed_site is not None:
+            T_camera_site = T_camera_site @ np.linalg.inv(image.T_fixed_site) @ frame.T_fixed_site
+        return np.asarray(corners @ T_camera_site[:3, :3].T + T_camera_site[:3, 3])
+
     def _truncation(self, share: float) -> str:
         return f"{share:.2f}"
 
@@ -176,6 +196,9 @@ class KittiWriter:
 
 class KittiTrackingWriter(KittiWriter):
     """Writes the tracking benchmark: a sequence for each result, in which objects without a track are left out."""
+
+    names = TRACKING_NAMES
+    transforms = "R_rect", "Tr_velo_cam", "Tr_imu_velo"  # without colons, as there
 
     def __init__(self, folder: Path, camera: str = "") -> None:
         super().__init__(folder, camera)
@@ -212,7 +235,7 @@ class KittiTrackingWriter(KittiWriter):
         for part, boxes, has_scores in files:
             with self._sequence_file(part).open("a") as file:
                 is_counted = not has_scores or frame.truth is not None
-                lines = self._tracked_lines(boxes, has_scores=has_scores, is_counted=is_counted)
+                lines = self._tracked_lines(frame, boxes, has_scores=has_scores, is_counted=is_counted)
                 file.writelines(lines)
                 self.written["boxes"] += 0 if has_scores else len(lines)
 
@@ -222,13 +245,15 @@ class KittiTrackingWriter(KittiWriter):
         tracks = [known.setdefault(track, len(known)) if track >= 0 else -1 for track in truth.tracks.tolist()]
         return replace(truth, tracks=np.array(tracks, np.int64))
 
-    def _tracked_lines(self, boxes: DatasetBoxes, *, has_scores: bool, is_counted: bool) -> list[str]:
+    def _tracked_lines(
+        self, frame: DatasetFrame, boxes: DatasetBoxes, *, has_scores: bool, is_counted: bool
+    ) -> list[str]:
         has_track = boxes.tracks >= 0
         if is_counted and not has_track.all():
             self.left_out["boxes without a track"] += int((~has_track).sum())
         lines = []
         for row in np.flatnonzero(has_track):
-            line = self._lines(boxes.select(np.array([row])), has_scores=has_scores, is_counted=is_counted)
+            line = self._lines(frame, boxes.select(np.array([row])), has_scores=has_scores, is_counted=is_counted)
             lines += [f"{self._count} {boxes.tracks[row]} {one}" for one in line]
         return lines
 

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I32
+from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.geometry.rotations import quaternion_of_matrix
 from lidcam.writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetScene, write_image
 
@@ -75,7 +76,9 @@ class NuScenesWriter:
         """See `DatasetWriter`."""
         self._end_scene()
         self._scene, self._samples, self._last, self._instances, self._lone = scene, [], {}, {}, 0
-        site = scene.rig.site_frame
+        site, channels = scene.rig.site_frame, [_channel(camera.name) for camera in scene.cameras]
+        if twice := next((one for one in channels if channels.count(one) > 1), None):
+            raise OutputError(f"{scene.name}: two cameras would both be {twice}: rename one in the rig file")
         self._calibrations = {LIDAR: self._calibrated(LIDAR, "lidar", scene.T_site_cloud, [])}
         for camera in scene.cameras:
             T_site_camera = camera.T_camera_site.inverse().matrix

@@ -86,6 +86,7 @@ class RerunResultWriter(ResultWriter):
         self._viewpoint: Viewpoint | None = None
         self._first: tuple[int, int] | None = None
         self._last_ns = self._object_count = self._confirmed_count = 0
+        self._seconds = 0.0  # without steps back
         self._heights: tuple[float, float] | None = None
         self._last_place: list[float] | None = None
         self._has_vehicle = False
@@ -157,7 +158,9 @@ class RerunResultWriter(ResultWriter):
         self._recording.log("metrics/objects", rr.Scalars(float(objects)))
         self._recording.log("metrics/confirmed", rr.Scalars(float(confirmed)))
         self._object_count, self._confirmed_count = self._object_count + objects, self._confirmed_count + confirmed
-        self._last_ns = result.bundle.stamp_ns
+        stamp_ns = result.bundle.stamp_ns
+        self._seconds += max(stamp_ns - (self._last_ns or stamp_ns), 0) / 1e9
+        self._last_ns = stamp_ns
         self._recording.log("metrics/skew_ms", rr.Scalars(result.bundle.skew_ns / 1e6))
         for drop in (*result.drops, *drops):
             text = ": ".join(filter(None, (drop.topic, drop.reason, drop.detail)))
@@ -188,7 +191,7 @@ class RerunResultWriter(ResultWriter):
             "version": known["version"],
             "settings": known["settings"],
             "frames": self._frames,
-            "seconds": (self._last_ns - self._first[1]) / 1e9,
+            "seconds": self._seconds,
             "road_users": ", ".join(f"{count} {names[class_id]}" for class_id, count in sorted(counts.items())),
             "objects": self._object_count,
             "confirmed_by_cameras": self._confirmed_count,

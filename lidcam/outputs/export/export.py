@@ -21,6 +21,9 @@ from lidcam.writers.outputs.transaction import OutputFile, OutputTransaction
 
 DEFAULT = ExportOptions()
 
+OF_ONE_CAMERA: tuple[DatasetFormat, ...] = ("kitti", "kitti-tracking", "coco", "yolo")
+"""Formats that have one camera, or the images of one if that is asked for."""
+
 EMPTY = Replaceable(lambda path: not any(path.iterdir()), "exists and is not empty", only_own=True)
 """What may stand where a data set is written."""
 
@@ -32,7 +35,7 @@ class Exported:
     frames: int  # Number of frames in the data set
     images: int  # Number of images in it
     boxes: int  # Number of boxes in its labels
-    of_truth: bool  # Whether these are the true ones
+    of_truth: bool  # Whether all of these are true ones
     remarks: tuple[str, ...]  # What the user should know, a line each: what was left out, and why
     incomplete: tuple[str, ...]  # Damaged parts of the results
 
@@ -58,6 +61,10 @@ def export_results(
     """
     if format_name not in DATASETS:
         raise OutputError(f"format: expected {', '.join(DATASETS)}, found {format_name!r}")
+    if not results:
+        raise OutputError("expected results to export, found none")
+    if options.camera and format_name not in OF_ONE_CAMERA:
+        raise OutputError(f"camera: {format_name} has all cameras; only {', '.join(OF_ONE_CAMERA)} take one")
     check_no_input([folder], [*results, *options.truth])
     check_old = check_replaced(lambda _: EMPTY, overwrite=False)
     with OutputTransaction([folder], folders=[folder], check_old=check_old) as outputs:
@@ -73,7 +80,7 @@ def _export(
     with output_errors(output.path):
         output.part.mkdir()
         writer: Any = loaded(DATASETS[format_name])(output.part, options.camera)
-    remarks, incomplete, of_truth = list[str](), list[str](), False
+    remarks, incomplete, without_truth = list[str](), list[str](), list[str]()
     for path in results:
         with ExitStack() as stack:
             result = stack.enter_context(open_result(path))
@@ -90,17 +97,19 @@ def _export(
                 with output_errors(output.path):
                     writer.add_frame(frame)
                 advance((frame.stamp_ns - start_ns) / 1e9, f"{writer.written['frames']} frames exported")
-            of_truth |= scene.has_truth
+            without_truth += [] if scene.has_truth else [path.name]
             remarks += scene.notes
             incomplete += damage_lines(result.recording.losses)
     with output_errors(output.path):
         writer.finish()
+    if 0 < len(without_truth) < len(results):
+        remarks.append(f"labels without ground truth are what lidcam found: {', '.join(without_truth)}")
     left_out = [f"left out: {count} {reason}" for reason, count in writer.left_out.items()]
     return Exported(
         frames=writer.written["frames"],
         images=writer.written["images"],
         boxes=writer.written["boxes"],
-        of_truth=of_truth,
+        of_truth=not without_truth,
         remarks=(*remarks, *writer.remarks, *left_out),
         incomplete=tuple(incomplete),
     )

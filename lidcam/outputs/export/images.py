@@ -77,7 +77,7 @@ class ResultImages(ResultFrames):
             return None
         data, ending = image_file(message, limits=self._result.config.limits) or (_png(rgb), ".png")
         return LabelledImage(
-            name=f"{self._result.path.stem}_{camera.name}_{frame.index:06d}",
+            name=f"{self._result.path.stem}__{camera.name}__{frame.index:06d}",
             camera=camera.name,
             frame=frame.index,
             stamp_ns=message.stamp_ns,

@@ -35,8 +35,10 @@ SHOWN_FACTS = "network.", "labels.", "boxes3d.", "detector"
 KINDS = {"false": "Worst false detections", "missed": "Worst missed objects"}
 
 
-def write_page(result: Path, page_path: Path, *, overwrite: bool = False, show: Progress = not_shown) -> None:
-    """Write the page about a result.
+def write_page(
+    result: Path, page_path: Path, *, overwrite: bool = False, show: Progress = not_shown
+) -> tuple[str, ...]:
+    """Write the page about a result; returns the parts of it that could not be used.
 
     Raises:
         LidcamError: the result cannot be read, or the page cannot be written or replace what stands there.
@@ -44,11 +46,13 @@ def write_page(result: Path, page_path: Path, *, overwrite: bool = False, show: 
     check_no_input([page_path], [result])
     check_old = check_replaced(lambda _: PAGE, overwrite=overwrite)
     with OutputTransaction([page_path], check_old=check_old) as outputs:
-        outputs[page_path].write_text(make_page(result, show, film=film_of(result, page_path)))
+        html, incomplete = make_page(result, show, film=film_of(result, page_path))
+        outputs[page_path].write_text(html)
+    return incomplete
 
 
-def make_page(path: Path, show: Progress = not_shown, *, film: str = "") -> str:
-    """The page about a result, as HTML; the same result gives the same bytes.
+def make_page(path: Path, show: Progress = not_shown, *, film: str = "") -> tuple[str, tuple[str, ...]]:
+    """The page about a result, as HTML, and the parts of it that could not be used; the same result, the same bytes.
 
     Args:
         path: The .mcap that `lidcam process` wrote.
@@ -71,7 +75,7 @@ def make_page(path: Path, show: Progress = not_shown, *, film: str = "") -> str:
         if evaluation.truth is None:
             against = ["No ground truth was recorded, so accuracy cannot be measured."]
         truth_note = _truth_note(evaluation)
-        return page(
+        html = page(
             _figures(result, seen, measured, background),
             title=f"{metadata.get('input.0.name', path.name)}: what lidcam saw",
             result_name=path.name,
@@ -103,6 +107,7 @@ def make_page(path: Path, show: Progress = not_shown, *, film: str = "") -> str:
             origin_notes=evaluation.notes,
             settings=dump_config(result.config),
         )
+        return html, evaluation.incomplete
 
 
 def film_of(result: Path, page: Path) -> str:

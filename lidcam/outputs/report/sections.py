@@ -192,7 +192,7 @@ def origin(seen: ReportCollector, result: Result) -> list[PageTable]:
     sensors = []
     for topic, sensor in topics.items():
         found = calibration.get(topic, {})
-        rate = f"{used[topic] / seen.seconds:.1f} Hz" if seen.seconds else ""
+        rate = f"{(seen.frames - 1) / seen.seconds * used[topic] / seen.frames:.1f} Hz" if seen.seconds else ""
         where = ", ".join(filter(None, (found.get("intrinsics"), found.get("extrinsics"))))
         sensors.append([sensor, topic, rate, percent(used[topic] / seen.frames), where])
     facts = [["2D boxes", boxes_2d_words(result.config, result.rig)[0].partition(";")[0]]]

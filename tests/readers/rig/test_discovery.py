@@ -212,6 +212,22 @@ def test_a_camera_needs_camera_info_and_a_transform() -> None:
     assert found.sources[1].intrinsics == "/camera/camera_info (no distortion)"
 
 
+def test_cameras_with_one_name_for_their_frames_have_frames_of_their_own() -> None:
+    """As drivers come; the poses are those of a rig file."""
+    names = ("a", "b")
+    cameras = {}
+    for x, name in enumerate(names):
+        T_camera_site = np.eye(4)
+        T_camera_site[0, 3] = x
+        cameras[name] = {"topic": f"/{name}/image_raw", "frame_id": "camera", "T_camera_site": T_camera_site.tolist()}
+    messages = [image_message(f"/{name}/image_raw", "camera") for name in names]
+    messages += [info(f"/{name}/camera_info", "camera") for name in names]
+    rig = RigFile.model_validate({"site_frame": "velo", "cameras": cameras})
+    found = discover_rig(MemoryRecording([cloud("/velo_points", "velo"), *messages]), Config(), rig)
+    assert [camera.T_camera_site.dst for camera in found.rig.cameras] == ["camera", "camera_b"]
+    assert "b: another sensor has its frame camera, too; in the result it is camera_b" in found.notes
+
+
 @pytest.mark.parametrize(
     ("calibration", "edges", "reason"),
     [

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
@@ -149,6 +151,58 @@ def test_kitti_tracking_numbers_frames_and_tracks(tmp_path: Path) -> None:
     assert (tmp_path / "training/evaluate_tracking.seqmap.training").read_text() == "0000 empty 000000 000002\n"
 
 
+def test_kitti_boxes_in_the_image_are_those_of_its_time(tmp_path: Path) -> None:
+    """An image 0.1 s after the cloud, from a rig that has driven 1 m; what stands is nearer, what goes along is not."""
+    late = replace(frame(boxes([(8.0, 0.5, 0.3, 4)])), objects=boxes([(8.0, 0.5, 0.3, 4)], name="Car"))
+    ahead = np.eye(4)
+    ahead[0, 3] = 1.0
+    image = replace(late.images["front"], stamp_ns=late.stamp_ns + 100_000_000, T_fixed_site=ahead)
+    at_speed = {x: replace(late.objects, velocities=np.array([[x, 0.0]])) for x in (0.0, 10.0)}
+    seen = {}
+    for name, one in {
+        "now": frame(at_speed[0.0]),
+        "stands": replace(frame(at_speed[0.0]), images={"front": image}),
+        "along": replace(frame(at_speed[10.0]), images={"front": image}),
+    }.items():
+        (tmp_path / name).mkdir()
+        written(KittiWriter(tmp_path / name), one)
+        (line,) = (tmp_path / name / "training/label_2/000000.txt").read_text().splitlines()
+        seen[name] = np.array(line.split()[4:8], float), line.split()[8:]
+    nearer = frame(replace(boxes([(7.0, 0.5, 0.3, 4)]), velocities=np.zeros((1, 2))))
+    (tmp_path / "nearer").mkdir()
+    written(KittiWriter(tmp_path / "nearer"), nearer)
+    (line,) = (tmp_path / "nearer/training/label_2/000000.txt").read_text().splitlines()
+    np.testing.assert_allclose(seen["stands"][0], np.array(line.split()[4:8], float), atol=0.02)
+    np.testing.assert_allclose(seen["along"][0], seen["now"][0], atol=0.5)
+    assert seen["now"][1] == seen["stands"][1] == seen["along"][1], "in 3D they are where the points are"
+
+
+def test_kitti_has_no_boxes_without_width(tmp_path: Path) -> None:
+    """Objects that slip past the border of the image; the reader refuses boxes of no area."""
+    found = boxes(
+        [(x, y, 0.0, row) for row, (x, y) in enumerate((x, y) for x in (6.0, 8.0) for y in np.arange(3, 9, 0.02))]
+    )
+    written(writer := KittiWriter(tmp_path), frame(found))
+    labels = parse_kitti_labels((tmp_path / "training/label_2/000000.txt").read_text(), tmp_path).labels
+    assert 0 < len(labels) < len(found)
+    assert min(np.ptp(np.reshape(one.xyxy, (2, 2)), axis=0).min() for one in labels) >= 1.99
+    assert writer.left_out["boxes that front does not see"] == len(found) - len(labels)
+
+
+def test_kitti_tracking_has_the_words_of_its_benchmark(tmp_path: Path) -> None:
+    written(KittiTrackingWriter(tmp_path), frame(boxes(MANY[:1])))
+    lines = (tmp_path / "training/calib/0000.txt").read_text().splitlines()
+    assert [line.split()[0] for line in lines] == ["P0:", "P1:", "P2:", "P3:", "R_rect", "Tr_velo_cam", "Tr_imu_velo"]
+    assert KittiTrackingWriter.names["person_sitting"] == "Person"
+    assert KittiTruth(tmp_path / "training/label_02/0000.txt", RIG, Config()).at(STAMP_NS, frame=0) is not None
+
+
+def test_nuscenes_refuses_two_cameras_of_one_channel(tmp_path: Path) -> None:
+    twice = tuple(replace(CAMERA, name=name) for name in ("front", "CAM_front"))
+    with pytest.raises(OutputError, match="two cameras would both be CAM_front"):
+        NuScenesWriter(tmp_path).begin(replace(SCENE, cameras=twice))
+
+
 def test_kitti_tracking_numbers_true_objects_from_0(tmp_path: Path) -> None:
     """Ids of a truth may be hashes, of which TrackEval cannot make tables."""
     truth = boxes([(8.0, 0.5, 0.3, 2**60), (12.0, -1.0, 0.0, 7)])
@@ -178,15 +232,16 @@ def test_cvats_cuboids_stand_in_its_clouds(tmp_path: Path) -> None:
     whole = json.loads((tmp_path / "annotations/default.json").read_text())
     first, second = whole["items"]
     assert (first["id"], second["id"], second["attr"]["frame"]) == ("drive_000000", "drive_000003", 1)
+    in_track = {"keyframe": True, "outside": False, "occluded": False}  # without these, CVAT makes no tracks
     assert [box["attributes"] for box in first["annotations"]] == [
-        {"track_id": 0},
-        {"track_id": 1},
+        {"track_id": 0, **in_track},
+        {"track_id": 1, **in_track},
         {},
-        {"track_id": 2},
+        {"track_id": 2, **in_track},
     ]
-    [box] = second["annotations"]  # the truth, of the same track
+    [box] = second["annotations"]  # the truth, of the same track, but of another class
     assert (box["position"], box["scale"], box["rotation"]) == ([8.0, 0.5, 0.8], [4.2, 1.8, 1.6], [0.0, 0.0, 0.3])
-    assert (box["label_id"], box["attributes"]) == (1, {"track_id": 0})
+    assert (box["label_id"], box["attributes"]) == (1, {"track_id": 3, **in_track})
     assert [label["name"] for label in json.loads((tmp_path / "labels.json").read_text())] == ["car", "van"]
     assert (tmp_path / "related_images/drive_000003_pcd/front.jpg").is_file()
     assert writer.written == {"frames": 2, "images": 2, "boxes": 5}

@@ -1,6 +1,7 @@
 """COCO's own library and the rules of Ultralytics's layout judge the formats of images."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -74,10 +75,29 @@ def test_coco_boxes_are_corner_and_size(tmp_path: Path) -> None:
         "score": 0.25,
         "origin": "both",
     }
-    assert second["track_id"] == 0
+    assert second["track_id"] == 1
     (shown,) = content["images"]
     assert (tmp_path / "images" / shown["file_name"]).read_bytes() == b"\xff\xd8"
     assert (shown["width"], shown["height"]) == (200, 100)
+
+
+def test_coco_numbers_tracks_over_all_scenes(tmp_path: Path) -> None:
+    """Those of a truth may be hashes, which JSON's numbers do not hold."""
+    writer = CocoWriter(tmp_path)
+    for number in (1, 2):
+        writer.begin(CLASSES)
+        many = replace(labels(TRUE, FOUND), tracks=np.array([2**62 + 1, 7]))
+        for index in (0, 1):
+            one = image(10 * number + index, many)
+            writer.add_frame(LabelledFrame(one.stamp_ns, (one,)))
+    writer.finish()
+    content = json.loads((tmp_path / "annotations" / "instances.json").read_text())
+    assert [one["track_id"] for one in content["annotations"]] == [1, 2, 1, 2, 3, 4, 3, 4]
+
+
+def test_no_image_replaces_another(tmp_path: Path) -> None:
+    with pytest.raises(FileExistsError):
+        written(CocoWriter(tmp_path), image(1, labels(TRUE)), image(1, labels(FOUND)))
 
 
 def test_yolo_lines_are_shares_of_the_image(tmp_path: Path) -> None:

@@ -56,6 +56,14 @@ def test_doubts_are_said_with_what_to_do(
     assert sections.doubts(seen_of(ONE), summary, warnings) == said
 
 
+def test_steps_back_in_time_are_no_time() -> None:
+    seen = ReportCollector(CONFIG, RIG)
+    for index, stamp_ns in enumerate((0, 1, 2, -500, -499)):
+        seen.add_frame(replace(frame_of(index, None, {"fused": ONE}), stamp_ns=stamp_ns * 100_000_000))
+    assert seen.seconds == pytest.approx(0.3)
+    assert sections.frame_rate(seen) == "13.3 a second"
+
+
 def test_ways_are_drawn_from_the_sensors_where_they_move_nobody_knows_where_to() -> None:
     nowhere = replace(frame_of(0, None, {"fused": ONE}), T_fixed_site=None)
     unknown, adrift = ReportCollector(CONFIG, RIG), ReportCollector(CONFIG, RIG, is_adrift=True)
