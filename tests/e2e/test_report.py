@@ -51,7 +51,7 @@ def test_a_page_about_a_damaged_result_says_so(folder: Path) -> None:
     (folder / "cut.mcap").write_bytes(content[: 2 * len(content) // 3])
     done = called(folder, "report", "cut.mcap")
     assert done.code == 3
-    assert "cut.mcap" in done.error_line
+    assert "incomplete: cut.mcap: damaged" in done.err
     assert (folder / "cut.html").exists()
 
 
