@@ -26,6 +26,13 @@ MIN_LATE_SHARE = 0.1
 """Minimum share of late messages of a sensor that is named; single ones are late at start-up or on a busy recorder."""
 
 
+WITHOUT_PARTNER = DropReason.LEFT_OUT, DropReason.TOO_FAR
+"""Reasons of sweeps that no sweep of another lidar goes with."""
+
+MIN_WITHOUT_PARTNER, MIN_WITHOUT_PARTNER_SHARE = 3, 0.3
+"""Minimum number of such sweeps, and their minimum share, of a lidar that is named."""
+
+
 def sync_warnings(
     clocks: Clocks, stats: SyncStats, missing: Sequence[MissingSensor], drops: Sequence[DropCount], source: RunInput
 ) -> Iterator[RunWarning]:
@@ -34,6 +41,7 @@ def sync_warnings(
     yield from apart_warnings(missing) or silence_warnings(missing)
     counts = {(drop.topic, drop.reason): drop.count for drop in drops}
     yield from (late_warnings(counts, stats.received, source.rig) or absence_warnings(missing, dropped_by_topic(drops)))
+    yield from slower_warnings(counts, stats.received, source.rig)
 
 
 def jump_warnings(jumps: Sequence[TimeJump], *, start_ns: int) -> list[RunWarning]:
@@ -69,11 +77,25 @@ def late_warnings(drops: Mapping[tuple[str, str], int], received: Mapping[str, i
     ]
 
 
+def slower_warnings(drops: Mapping[tuple[str, str], int], received: Mapping[str, int], rig: Rig) -> list[RunWarning]:
+    """One for each of several lidars of which many sweeps make no frame, as another one that is required is slower."""
+    found = []
+    for lidar in rig.lidars if len(rig.lidars) > 1 else ():
+        count, of = sum(drops.get((lidar.topic, reason), 0) for reason in WITHOUT_PARTNER), received.get(lidar.topic, 0)
+        if count >= max(MIN_WITHOUT_PARTNER, MIN_WITHOUT_PARTNER_SHARE * of):
+            finding = f"{count} of {of} sweeps make no frame: another lidar has none at their time, as a slower one"
+            found.append(
+                RunWarning(lidar.name, finding, f"--set 'sync.required=[{lidar.topic}]' makes a frame of each")
+            )
+    return found
+
+
 def _jump_warning(jump: TimeJump, start_ns: int) -> RunWarning:
     where = f"by {jump.by_ns / 1e9:.1f} s at {(jump.at_ns - start_ns) / 1e9:.1f} s"
     if jump.kind == "log times":
         finding = f"log times jump back {where}: the parts before and after are processed one after the other"
         return RunWarning("time", finding, "if these are two recordings, write them to two files")
     finding = f"stamps jump back {where}: no frame has messages of both sides"
-    remedy = "if it was played in a loop, process one pass of it with --start and --duration"
+    seconds = f"{max(jump.at_ns - start_ns, 0) // 10**7 / 100:g}"
+    remedy = f"if it was played in a loop, process one pass of it with --duration {seconds}, or --start {seconds}"
     return RunWarning("time", finding, remedy)

@@ -52,7 +52,7 @@ def print_summary(out: Console, summary: RunSummary, units: Units = "km/h") -> N
     )
     devices = [(len(sensors.rig.lidars), "lidar"), (len(sensors.rig.cameras), "camera")]
     parts = [f"{_plural(frames.count, 'frame')}{rate}", ", ".join(_plural(*one) for one in devices if one[0])]
-    show_line(out, "; ".join([*parts, f"settings: {summary.settings.name}"]), "bold")
+    show_line(out, "; ".join(filter(None, [*parts, f"settings: {summary.settings.name}"])), "bold")
     words_3d, words_2d = ENGINES[sensors.box_source_3d].words, sensors.box_words[0].partition(";")[0]
     show_line(out, f"3D boxes: {words_3d}; 2D boxes: {words_2d}")
     _print_road_users(out, summary, units)
@@ -130,7 +130,7 @@ def _missing(summary: RunSummary) -> Iterator[str]:
 
 def _first(lines: list[str], more: str) -> list[str]:
     """The first lines and the last, which may say what to do, and how many more there are."""
-    left = len(lines) - MAX_LINES
+    left = len(lines) - MAX_LINES  # a line that tells of one more would take its place
     return lines if left <= 0 else [*lines[: MAX_LINES - 1], f"and {left} {more}", lines[-1]]
 
 

@@ -1,9 +1,11 @@
 """Clocks that jump, clocks that most others contradict, and messages that come too late."""
 
+from dataclasses import replace
+
 import pytest
 from frames import RIG
 
-from lidcam.checks.clocks import clock_notes, jump_warnings, late_warnings
+from lidcam.checks.clocks import clock_notes, jump_warnings, late_warnings, slower_warnings
 from lidcam.pipeline.stages.sync.clocks import Clocks, TimeJump
 from lidcam.pipeline.stages.sync.drop_reason import DropReason
 
@@ -21,6 +23,7 @@ def test_a_jump_is_told_with_its_size_and_place(kind: str, said: str) -> None:
     jump = TimeJump("stamps" if kind == "stamps" else "log times", 1_045_200_000_000, 12_300_000_000)
     (warning,) = jump_warnings([jump], start_ns=1000 * S)
     assert str(warning).startswith(said)
+    assert ("--duration 45.2, or --start 45.2" in str(warning)) == (kind == "stamps")
 
 
 def test_sensors_without_stamps_are_named() -> None:
@@ -46,3 +49,15 @@ def test_sensors_that_are_mostly_late_are_named(drops: dict[tuple[str, str], int
     warnings = late_warnings(drops, {"/lidar2": 100, "/left/image": 100}, RIG)
     assert [warning.subject for warning in warnings] == sensors
     assert all("sync.queue_size" in warning.remedy for warning in warnings)
+
+
+@pytest.mark.parametrize(
+    ("left_out", "apart", "named"), [(0, 0, []), (4, 1, []), (7, 4, ["lidar1"]), (0, 14, ["lidar1"])]
+)
+def test_lidars_of_which_a_slower_one_costs_sweeps_are_named(left_out: int, apart: int, named: list[str]) -> None:
+    topics = [lidar.topic for lidar in RIG.lidars]
+    drops = {(topics[0], str(DropReason.LEFT_OUT)): left_out, (topics[0], str(DropReason.TOO_FAR)): apart}
+    warnings = slower_warnings(drops, dict.fromkeys(topics, 20), RIG)
+    assert [warning.subject for warning in warnings] == named
+    assert all(f"sync.required=[{topics[0]}]" in warning.remedy for warning in warnings)
+    assert slower_warnings(drops, dict.fromkeys(topics, 20), replace(RIG, lidars=RIG.lidars[:1])) == []
