@@ -99,8 +99,8 @@ class GroundCheck:
             return ()
         finding = f"none was found in {self._groundless} of {self._frames} frames, and objects need it for their height"
         remedy = (
-            "if the clouds were recorded without their ground, take the lidar's own (topics.lidars); if its axes are not "
-            "x forward and z up, give its pose in a rig file"
+            "if the clouds were recorded without their ground, take the lidar's own (topics.lidars); if its axes are "
+            "not x forward and z up, give its pose in a rig file"
         )
         return (RunWarning("ground", finding, remedy),)
 

@@ -69,14 +69,14 @@ def with_agreeing_lidars(source: RunInput) -> RunInput:
 
 
 def _compared_clouds(source: RunInput) -> Iterator[list[F64]]:
-    """The points (N, 3) of each lidar in the site frame at some times of the recording.
+    """The points (N, 3) of each lidar in the site frame at some times of what is processed.
 
     Left out is where the rig moves, or may move, between the clouds and nobody knows how.
     """
     config, rig, drops = source.config, source.rig, DropTable("skip")
     off = {one: getattr(config.combine, one).model_copy(update={"enabled": False}) for one in ("outliers", "ground")}
     decode, combine = CloudDecoder(rig, config, on_bad="skip"), Combine(rig, config.combine.model_copy(update=off))
-    for begin_ns in looks(source.recording):
+    for begin_ns in looks(source.recording, source.window.start_ns, source.window.stop_ns):
         stretch = replace(source, window=replace(source.window, start_ns=begin_ns), copied=(), drawn=())
         seen = bundles(stretch, drops, SyncStats(), sensor_clocks(rig, source.motion, drops))
         found = [(bundle, decode(bundle)) for bundle in islice(seen, STRETCH_FRAMES)]

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -189,11 +189,14 @@ def missing_from_frames(source: RunInput, stats: SyncStats) -> list[MissingSenso
 def _every(
     found: Iterable[SensorBundle], every: int, numbers: Iterator[int], drops: DropTable
 ) -> Iterator[SensorBundle]:
-    """Every Nth bundle; `numbers` counts over all parts of a recording."""
+    """Every Nth bundle, with the drops since the last one; `numbers` counts over all parts of a recording."""
+    dropped = Counter[tuple[str, str]]()
     for bundle in found:
         number = next(numbers)
+        dropped.update(bundle.dropped_before)
         if number % every == 0:
-            yield replace(bundle, index=number // every)
+            yield replace(bundle, index=number // every, dropped_before=dict(dropped))
+            dropped.clear()
         else:
             for message in bundle.messages.values():
                 drops.count_drop(Drop(message.topic, message.stamp_ns, NOT_EVERY))

@@ -113,10 +113,11 @@ def clouds_show_motion(recording: Recording, rig: Rig, config: Config) -> bool:
     return any(_moves(recording, rig, config, begin_ns) for begin_ns in looks(recording))
 
 
-def looks(recording: Recording) -> list[int]:
-    """The log times at which the clouds are looked at."""
-    span_ns = max(recording.end_ns - recording.start_ns, 0)
-    return sorted({recording.start_ns + round(share * span_ns) for share in LOOKS})
+def looks(recording: Recording, start_ns: int | None = None, stop_ns: int | None = None) -> list[int]:
+    """The log times at which the clouds are looked at, of a recording or of a part of it."""
+    first_ns = recording.start_ns if start_ns is None else max(start_ns, recording.start_ns)
+    last_ns = recording.end_ns if stop_ns is None else min(stop_ns, recording.end_ns)
+    return sorted({first_ns + round(share * max(last_ns - first_ns, 0)) for share in LOOKS})
 
 
 def find_motion(recording: Recording, config: Config, found: Discovery) -> tuple[MotionSource | None, Discovery]:

@@ -20,7 +20,7 @@ from lidcam.pipeline.calibration.motions import motion
 from lidcam.pipeline.calibration.overlap import BoxFrame
 from lidcam.pipeline.calibration.pairs import TrackedPairs, tracked_pairs
 from lidcam.pipeline.core.arrays import F64, Bools, join_rows
-from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.frame import FrameResult, Missing
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.run.warning import RunWarning
@@ -147,8 +147,10 @@ class RigCheck:
         self._boxes = {camera.name: EvenSample[BoxFrame](MAX_BOX_FRAMES) for camera in rig.cameras}
 
     def add_frame(self, frame: FrameResult) -> None:
-        """Add the evidence of one frame; a frame without one of the lidars does not count against a camera."""
-        if any(lidar.topic not in frame.bundle.messages for lidar in self._rig.lidars):
+        """Add the evidence of one frame; one that lacks a lidar which is not silent counts against no camera."""
+        bundle = frame.bundle
+        lacking = [lidar.topic for lidar in self._rig.lidars if lidar.topic not in bundle.messages]
+        if any(bundle.missing.get(topic) is not Missing.SILENT for topic in lacking):
             return
         for name, pairs in tracked_pairs(frame):
             self._pairs[name].add(pairs)

@@ -15,7 +15,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.rig.discovery import discover_rig
-from lidcam.run.scene import MAX_MESSAGES, SceneSize, clouds_show_motion, find_motion, measure_scene
+from lidcam.run.scene import MAX_MESSAGES, SceneSize, clouds_show_motion, find_motion, looks, measure_scene
 
 START_NS = 1_600_000_000_000_000_000
 PERIOD_NS = 100_000_000
@@ -157,3 +157,19 @@ def test_odometry_that_stands_still_while_the_clouds_move(
     motion, found = find_motion(recording, config, discover_rig(recording, config))
     assert (motion is not None) is is_used
     assert [note.startswith("/odom: its poses stand still") for note in found.notes] == [True] * (not is_used)
+
+
+@pytest.mark.parametrize(
+    ("start_s", "stop_s", "expected"), [(None, None, 0.0), (4.5, 5.5, 4.5), (4.5, None, 4.5), (None, 1.0, 0.0)]
+)
+def test_clouds_are_looked_at_within_the_part_that_is_processed(
+    start_s: float | None, stop_s: float | None, expected: float
+) -> None:
+    messages = [
+        raw("/odom", "nav_msgs/msg/Odometry", odometry(stamp_ns=START_NS), START_NS + s * 10**9) for s in (0, 6)
+    ]
+    start_ns, stop_ns = (None if one is None else START_NS + round(one * 1e9) for one in (start_s, stop_s))
+    found_s = (np.array(looks(MemoryRecording(messages), start_ns, stop_ns)) - START_NS) / 1e9
+    assert found_s[0] == pytest.approx(expected)
+    assert len(found_s) > 1
+    assert found_s[-1] < (stop_s or 6.0)

@@ -15,7 +15,7 @@ from lidcam.checks.calibration.rig_check import RigCheck
 from lidcam.cli.printing.rig_check import check_tree, print_check
 from lidcam.cli.printing.terminal import console
 from lidcam.pipeline.calibration.lidar_poses import ComparedLidars, moved_lidar
-from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.frame import FrameResult, Missing
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraFit, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
@@ -62,6 +62,15 @@ def test_an_error_is_named_and_corrected(values: tuple[float, ...], finding: str
     turn = camera.T_camera_site.matrix @ np.linalg.inv(CAMERA.T_camera_site.matrix)
     np.testing.assert_allclose([turn[2, 1], turn[0, 2], turn[1, 0]], values[:3], atol=0.004)
     assert camera.time_offset_ns == pytest.approx(-values[6] * 1e9, abs=6e6)
+
+
+@pytest.mark.parametrize(("why", "is_named"), [(Missing.SILENT, True), (Missing.NOT_NEAR, False)])
+def test_a_dead_lidar_does_not_keep_cameras_from_being_judged(why: Missing, is_named: bool) -> None:
+    dead = LidarSensor("dead", "/dead", Transform("site", "dead", np.eye(4)))
+    check = RigCheck(replace(RIG, lidars=(dead,)), CONFIG)
+    for frame in passing((0, 0.03, 0, 0, 0, 0, 0), noise=0.3):
+        check.add_frame(replace(frame, bundle=replace(frame.bundle, missing={"/dead": why})))
+    assert [warning.subject for warning in check.warnings] == ["cam"] * is_named
 
 
 @pytest.mark.parametrize("moved", [(), (1,), (0, 2)])
