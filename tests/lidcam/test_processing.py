@@ -179,7 +179,7 @@ def test_a_loop_that_was_recorded_is_split_and_no_frame_mixes_both_sides() -> No
     assert frames[30].bundle.motion.stamps_ns[0] == START_NS  # nothing of the turn before
     assert [str(warning) for warning in summary.warnings if warning.subject == "time"] == [
         "time: stamps jump back by 3.0 s at 3.0 s: no frame has messages of both sides; "
-        "if it was played in a loop, process one pass of it with --start and --duration"
+        "if it was played in a loop, process one pass of it with --duration 3, or --start 3"
     ]
     assert not summary.drops.messages
 
