@@ -27,7 +27,7 @@ MIN_LATE_SHARE = 0.1
 
 
 WITHOUT_PARTNER = DropReason.LEFT_OUT, DropReason.TOO_FAR
-"""Reasons of sweeps that no sweep of another lidar goes with."""
+"""Drop reasons of sweeps for which another lidar has no sweep."""
 
 MIN_WITHOUT_PARTNER, MIN_WITHOUT_PARTNER_SHARE = 3, 0.3
 """Minimum number of such sweeps, and their minimum share, of a lidar that is named."""
@@ -78,12 +78,12 @@ def late_warnings(drops: Mapping[tuple[str, str], int], received: Mapping[str, i
 
 
 def slower_warnings(drops: Mapping[tuple[str, str], int], received: Mapping[str, int], rig: Rig) -> list[RunWarning]:
-    """One for each of several lidars of which many sweeps make no frame, as another one that is required is slower."""
+    """One for each lidar that loses many sweeps because another one, which is required, is slower."""
     found = []
     for lidar in rig.lidars if len(rig.lidars) > 1 else ():
         count, of = sum(drops.get((lidar.topic, reason), 0) for reason in WITHOUT_PARTNER), received.get(lidar.topic, 0)
         if count >= max(MIN_WITHOUT_PARTNER, MIN_WITHOUT_PARTNER_SHARE * of):
-            finding = f"{count} of {of} sweeps make no frame: another lidar has none at their time, as a slower one"
+            finding = f"{count} of {of} sweeps make no frame: no sweep of another lidar is near them in time"
             found.append(
                 RunWarning(lidar.name, finding, f"--set 'sync.required=[{lidar.topic}]' makes a frame of each")
             )

@@ -171,7 +171,6 @@ class ReportCollector:
     Attributes:
         frames: Number of frames.
         first_ns: Stamp of the first one.
-        last_ns: Stamp of the last one.
         seconds: Time from frame to frame, without steps back.
         objects: Objects by class name, summed over the frames.
         users: Road users, each track once.
@@ -195,7 +194,7 @@ class ReportCollector:
 
     def __init__(self, config: Config, rig: Rig, *, is_adrift: bool = False) -> None:
         self._names, self._rig, self._is_adrift = config.class_names, rig, is_adrift
-        self.frames, self.first_ns, self.last_ns, self.seconds = 0, 0, 0, 0.0
+        self.frames, self.first_ns, self._last_ns, self.seconds = 0, 0, 0, 0.0
         self.objects = dict.fromkeys(config.class_names, 0)
         self.users, self.courses = RoadUserTally(config, rig), Courses()
         self.time, self.sensors = Timeline(), Timeline()
@@ -212,9 +211,9 @@ class ReportCollector:
     def add_frame(self, frame: EvaluationFrame) -> None:
         """Take in one frame; they come in order."""
         if not self.frames:
-            self.first_ns = self.last_ns = frame.stamp_ns
-        self.seconds += max(frame.stamp_ns - self.last_ns, 0) / 1e9
-        self.frames, self.last_ns = self.frames + 1, frame.stamp_ns
+            self.first_ns = self._last_ns = frame.stamp_ns
+        self.seconds += max(frame.stamp_ns - self._last_ns, 0) / 1e9
+        self.frames, self._last_ns = self.frames + 1, frame.stamp_ns
         time_s = (frame.stamp_ns - self.first_ns) / 1e9
         sums: dict[str, float] = {}
         if (source := frame.sources.get("fused")) is not None:

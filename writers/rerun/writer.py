@@ -85,7 +85,8 @@ class RerunResultWriter(ResultWriter):
         self._survey = SceneSurvey(rig)
         self._viewpoint: Viewpoint | None = None
         self._first: tuple[int, int] | None = None
-        self._last_ns = self._object_count = self._confirmed_count = 0
+        self._object_count = self._confirmed_count = 0
+        self._last_ns: int | None = None
         self._seconds = 0.0  # without steps back
         self._heights: tuple[float, float] | None = None
         self._last_place: list[float] | None = None
@@ -159,7 +160,7 @@ class RerunResultWriter(ResultWriter):
         self._recording.log("metrics/confirmed", rr.Scalars(float(confirmed)))
         self._object_count, self._confirmed_count = self._object_count + objects, self._confirmed_count + confirmed
         stamp_ns = result.bundle.stamp_ns
-        self._seconds += max(stamp_ns - (self._last_ns or stamp_ns), 0) / 1e9
+        self._seconds += 0.0 if self._last_ns is None else max(stamp_ns - self._last_ns, 0) / 1e9
         self._last_ns = stamp_ns
         self._recording.log("metrics/skew_ms", rr.Scalars(result.bundle.skew_ns / 1e6))
         for drop in (*result.drops, *drops):
