@@ -8,8 +8,8 @@ yaw.
 
 The weight of an edge follows from its uncertainty: of the pixels and the outline (`fuse.pixel_sigma_px`,
 `fuse.outline_sigma`) and of the lidar's box (`box_prior`), whose unseen end is uncertain. Pairs with large residuals
-weigh less (Huber, 1964). The pairs of one track have a common error for seconds, so the covariance is clustered by
-track and `CLUSTER_S`.
+weigh less (Huber, 1964). Boxes of one track have a common error as long as the camera sees the same side of the object,
+so the covariance counts these as one group: a parked car that is seen for a minute is one witness.
 """
 
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from itertools import product
 
 import numpy as np
 
-from lidcam.pipeline.calibration.motions import cluster_covariance, motion
+from lidcam.pipeline.calibration.motions import jackknife_covariance, motion
 from lidcam.pipeline.calibration.pairs import TrackedPairs
 from lidcam.pipeline.core.arrays import F64, I64, Bools
 from lidcam.pipeline.core.detections import Boxes3D, Source
@@ -34,9 +34,6 @@ MIN_PAIRS = 20
 
 MIN_TRACKS = 2
 """Minimum number of tracks that these pairs belong to."""
-
-CLUSTER_S = 3.0
-"""Time span within which the pairs of a track have a common error, seconds."""
 
 HUBER = 1.5
 """Residual, in standard deviations (root mean square over the edges), beyond which pairs weigh less."""
@@ -121,6 +118,8 @@ class CameraError:
         values = self.values * max(0.0, 1 - free.sum() / max(float(surprise), 1e-12))
         pose = replace(camera.T_camera_site, matrix=motion(values) @ camera.T_camera_site.matrix)
         direction_sigma_rad = float(max(self.sigmas[:2].max(), MIN_SIGMAS[0]))
+        if not values.any():  # a recording that shows little is no reason to trust the camera less
+            direction_sigma_rad = min(direction_sigma_rad, camera.fit.direction_sigma_rad)
         fit = CameraFit(
             tuple((values + camera.fit.corrected).tolist()),
             direction_sigma_rad,
@@ -171,14 +170,15 @@ def camera_error(
     used = weights > 0
     if not _has_enough(pairs.tracks[used]):
         return None
-    scores = np.einsum("nei,n,ne->ni", slopes, weights, residuals)[used]
-    spans = (pairs.stamps_ns - pairs.stamps_ns.min()) // int(CLUSTER_S * 1e9)
-    covariance = cluster_covariance(scores, np.stack([pairs.tracks, spans], 1)[used], normal, fit.prior)
+    scores = np.einsum("nei,n,ne->ni", slopes, weights, residuals)
+    information = np.einsum("nei,n,nej->nij", slopes, weights, slopes)
+    groups = np.stack([pairs.tracks, _seen_sides(pairs)], 1)
+    covariance = jackknife_covariance(scores[used], information[used], groups[used], normal, fit.prior)
     min_sigmas = MIN_SIGMAS * np.array([1, 1, 1, fit.size_m, fit.size_m, fit.size_m, 1])
     return CameraError(
         values=values[:7] * is_free,
         covariance=np.outer(is_free, is_free) * (covariance[:7, :7] + np.diag(min_sigmas**2)),
-        habit_sigma=float(np.sqrt(np.diag(covariance)[7:10].max())),
+        habit_sigma=min(float(np.sqrt(np.diag(covariance)[7:10].max())), HABIT_SIGMA),
         habits=EdgeHabits(*values[7:].tolist()),
         noise=(fit.noise[0], fit.noise[1]),
         size_m=fit.size_m,
@@ -189,6 +189,14 @@ def camera_error(
 
 def _has_enough(tracks: I64) -> bool:
     return len(tracks) >= MIN_PAIRS and len(np.unique(tracks)) >= MIN_TRACKS
+
+
+def _seen_sides(pairs: TrackedPairs) -> I64:
+    """(P,) side of the object that faces the camera: quarter turns to the left from its front."""
+    rotations, translations = pairs.T_camera_site[:, :3, :3], pairs.T_camera_site[:, :3, 3]
+    towards = -np.einsum("nji,nj->ni", rotations, translations) - pairs.centers
+    angles = np.arctan2(towards[:, 1], towards[:, 0]) - pairs.yaws
+    return np.asarray(np.round(angles / (np.pi / 2)).astype(np.int64) % 4)
 
 
 class _Fit:

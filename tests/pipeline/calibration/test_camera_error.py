@@ -1,6 +1,7 @@
 """An error of a camera that is put in is found, within the confidence that is stated; too little says nothing."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from unittest.mock import patch
 
 import numpy as np
@@ -57,6 +58,15 @@ def test_without_noise_the_error_is_found_as_it_is(values: tuple[float, ...], sp
 def test_with_noise_it_is_within_the_confidence(values: tuple[float, ...], seed: int, speed_m_s: float) -> None:
     found = judged(passing(values, seed=seed, tracks=12, speed_m_s=speed_m_s))
     assert found is None or (np.abs(found.values - values) < 4.5 * found.sigmas).all()
+
+
+def test_a_parked_car_that_is_seen_for_long_is_one_witness() -> None:
+    [once] = [pairs for _, pairs in tracked_pairs(passing(tracks=40, frames=1, seed=4)[0])]
+    later = (replace(once, stamps_ns=once.stamps_ns + number * 10**9) for number in range(30))
+    found = [camera_error(pairs, CAMERA, LIDAR_XY, FuseConfig()) for pairs in (once, join_rows(*later))]
+    assert found[0] is not None
+    assert found[1] is not None
+    assert (found[1].sigmas > 0.9 * found[0].sigmas).all()
 
 
 def test_wrong_matches_do_little_harm() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lidcam.pipeline.calibration.motions import cluster_covariance, motion
+from lidcam.pipeline.calibration.motions import cluster_covariance, jackknife_covariance, motion
 from lidcam.pipeline.core.geometry.rotations import turned
 
 
@@ -25,3 +25,20 @@ def test_errors_that_are_alike_count_once(alike: int) -> None:
     away = random.normal(0, 1, 400 // alike)[groups]
     found = cluster_covariance((away - away.mean())[:, None], groups[:, None], np.array([[400.0]]), np.zeros(1))
     assert found[0, 0] == pytest.approx(alike / 400, rel=0.4)
+
+
+@pytest.mark.parametrize(("groups", "highest"), [(4, 3.0), (40, 1.3)])
+def test_a_line_through_few_groups_is_as_uncertain_as_repeated_experiments_show(groups: int, highest: float) -> None:
+    random, alike = np.random.default_rng(2), 10
+    rows, group = np.repeat(np.linspace(-1, 1, groups), alike), np.repeat(np.arange(groups), alike)[:, None]
+    slopes = np.stack([np.ones(len(rows)), rows], 1)
+    normal, each = slopes.T @ slopes, slopes[:, :, None] * slopes[:, None]
+    values, found = [], []
+    for _ in range(400):
+        measured = np.repeat(random.normal(0, 1, groups), alike) + random.normal(0, 0.2, len(rows))
+        values.append(np.linalg.solve(normal, slopes.T @ measured))
+        scores = slopes * (measured - slopes @ values[-1])[:, None]
+        found.append(jackknife_covariance(scores, each, group, normal, np.zeros(2)))
+    ratios = np.diag(np.mean(found, 0)) / np.var(values, 0)
+    assert ratios.min() > 0.9
+    assert ratios.max() < highest
