@@ -89,8 +89,6 @@ def inspect(
 
     if check and repair is not None:
         raise typer.BadParameter("not together with --repair: check the repaired recording", param_hint="--check")
-    if check:  # of the calibration as recorded
-        options["settings"] = [*options.get("settings", ()), "fuse.calibration=recorded"]
     with requirement_errors():
         required = read_requirements(requirements or ())
     job = make_job([location(path) for path in paths], **options)

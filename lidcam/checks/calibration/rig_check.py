@@ -53,10 +53,6 @@ FEW_PAIRS_FACTOR = 3.0
 
 REMEDY = "check it with `lidcam inspect --check`, or recalibrate it"
 
-MOVED_REMEDY = f"this run moves lidars so that they agree; {REMEDY}"
-
-CORRECTED_REMEDY = f"this run corrects direction and clock; {REMEDY}"
-
 SCALES = np.array([*np.degrees([1.0, 1.0, 1.0]), 1.0, 1.0, 1.0, 1000.0])
 """Degrees, metres and milliseconds from radians, metres and seconds."""
 
@@ -78,7 +74,7 @@ _AXES = ("about x", "about y", "about z", "along x", "along y", "along z")
 class CameraVerdict(NamedTuple):
     """The verdict on one camera."""
 
-    camera: CameraSensor  # As calibrated
+    camera: CameraSensor  # As the run uses it
     pair_count: int  # Number of pairs of boxes
     track_count: int  # Number of tracks they belong to
     # Its error; where values are significant, fitted with these alone. None if too few pairs are known or the pose is
@@ -86,6 +82,7 @@ class CameraVerdict(NamedTuple):
     error: CameraError | None
     significant: Bools  # (7,) values of the error that are reported
     coarse: RunWarning | None  # Warning of a pose that is wrong by many degrees
+    remedy: str = REMEDY
 
     @property
     def warning(self) -> RunWarning | None:
@@ -105,17 +102,32 @@ class CameraVerdict(NamedTuple):
             side = positive if values[row] > 0 else negative
             parts.append(f"{verb} {_figure(values[row], sigmas[row], unit)} {side}")
         finding = f"judging by {self.error.pairs} boxes of {self.error.tracks} objects, it {', and '.join(parts)}"
-        return RunWarning(self.camera.name, finding, CORRECTED_REMEDY if any(self.camera.fit.corrected) else REMEDY)
+        is_turned = any(self.camera.fit.corrected)
+        remedy = f"this run corrects direction and clock; {self.remedy}" if is_turned else self.remedy
+        return RunWarning(self.camera.name, finding, remedy)
+
+    @property
+    def is_corrected(self) -> bool:
+        """Whether `corrected` differs from the camera as recorded."""
+        if self.error is None:
+            return self.camera.fit.is_changed
+        return bool(self.significant.any()) or self.camera.fit.zoom != 1
 
     @property
     def corrected(self) -> CameraSensor:
-        """The camera without its significant errors."""
-        if self.error is None or not self.significant.any():
+        """The camera without its significant errors; without any, the camera as recorded."""
+        done = np.array(self.camera.fit.corrected)
+        if not self.is_corrected:
+            left = -done
+        elif self.error is None or not self.significant.any():
             return self.camera
-        T_camera_site = self.camera.T_camera_site
-        pose = replace(T_camera_site, matrix=motion(self.error.values) @ T_camera_site.matrix)
+        else:
+            left = self.error.values - done * (self.error.sigmas > 0)
+        if not left.any():
+            return self.camera
+        pose = replace(self.camera.T_camera_site, matrix=motion(left) @ self.camera.T_camera_site.matrix)
         # Stamps are later than the images by the offset: images taken later than assumed have a smaller one.
-        offset_ns = self.camera.time_offset_ns - round(float(self.error.values[6]) * 1e9)
+        offset_ns = self.camera.time_offset_ns - round(float(left[6]) * 1e9)
         return replace(self.camera, T_camera_site=pose, time_offset_ns=offset_ns)
 
 
@@ -141,8 +153,8 @@ class EvenSample(Generic[T]):
 class RigCheck:
     """Gathers evidence about the rig over a run, and judges it at the end."""
 
-    def __init__(self, rig: Rig, config: Config, compared: ComparedLidars = NOT_COMPARED) -> None:
-        self._rig, self._config, self._compared = rig, config, compared
+    def __init__(self, rig: Rig, config: Config, compared: ComparedLidars = NOT_COMPARED, remedy: str = REMEDY) -> None:
+        self._rig, self._config, self._compared, self._remedy = rig, config, compared, remedy
         self._pairs = {camera.name: EvenSample[TrackedPairs](MAX_PAIR_FRAMES) for camera in rig.cameras}
         self._boxes = {camera.name: EvenSample[BoxFrame](MAX_BOX_FRAMES) for camera in rig.cameras}
 
@@ -165,7 +177,7 @@ class RigCheck:
         return tuple(self._camera_verdict(camera) for camera in self._rig.cameras)
 
     def _camera_verdict(self, camera: CameraSensor) -> CameraVerdict:
-        """The verdict on a camera; significant errors are fitted again alone, as an error has one cause."""
+        """The verdict on a camera; what is significant is fitted again alone, as an error has one cause."""
         frames, none = [*self._pairs[camera.name]], np.zeros(7, np.bool_)
         others = [other for other in self._rig.cameras if other is not camera]
         coarse = coarse_pose_warning(camera, others, [*self._boxes[camera.name]])
@@ -185,10 +197,14 @@ class RigCheck:
         significant = _significant(corrected + error.values, error.sigmas, min_error)
         if significant[PLACE].any():
             significant[PLACE] &= _holds_in_halves(pairs, error, estimate)[PLACE]
-        if significant.any():
-            error = estimate(pairs, free=significant) or error
+        while significant.any() and (alone := estimate(pairs, free=significant)) is not None:
+            still = significant & _significant(corrected + alone.values, alone.sigmas, min_error)
+            if (still == significant).all():
+                error = alone
+                break
+            significant = still
         error = replace(error, values=corrected * (error.sigmas > 0) + error.values)
-        return CameraVerdict(camera, *counts, error, significant, None)
+        return CameraVerdict(camera, *counts, error, significant, None, self._remedy)
 
     @property
     def lidars(self) -> tuple[LidarPair, ...]:
@@ -212,7 +228,8 @@ class RigCheck:
         ]
         finding = f"what it sees lies beside what {pair.first.name} sees, by {' and '.join(parts)}"
         is_moved = self._config.fuse.calibration != "recorded"
-        return RunWarning(pair.second.name, finding, MOVED_REMEDY if is_moved else REMEDY)
+        remedy = f"this run moves lidars so that they agree; {self._remedy}" if is_moved else self._remedy
+        return RunWarning(pair.second.name, finding, remedy)
 
     @property
     def correction_count(self) -> int:
@@ -221,7 +238,7 @@ class RigCheck:
             not np.allclose(before.T_site_lidar.matrix, after.T_site_lidar.matrix, rtol=0, atol=1e-6)
             for before, after in zip(self._rig.lidars, self._compared.agreeing, strict=False)  # none if all agree
         ]
-        return sum(bool(one.significant.any()) for one in self.cameras) + sum(moved)
+        return sum(one.is_corrected for one in self.cameras) + sum(moved)
 
     def corrected(self) -> Rig:
         """The rig without its significant errors: lidars that disagree are moved so that all agree."""

@@ -22,6 +22,8 @@ LIDAR_VALUES = ("about_x_deg", "about_y_deg", "about_z_deg", "x_m", "y_m", "z_m"
 
 NOT_JUDGED = "not judged"
 
+REMEDY = "recalibrate it, or use the rig that --write-rig writes"
+
 
 class CheckedRun(ShownProgress):
     """Shows the progress of a run that checks its rig.
@@ -34,7 +36,7 @@ class CheckedRun(ShownProgress):
 
     def opened(self, source: RunInput) -> None:
         """Begin with the rig of the recording."""
-        self.check = RigCheck(source.rig, source.config, source.compared)
+        self.check = RigCheck(source.rig, source.config, source.compared, REMEDY)
         super().opened(source)
 
     def frame(self, result: Frame) -> None:

@@ -15,6 +15,7 @@ from lidcam.checks.calibration.rig_check import RigCheck
 from lidcam.cli.printing.rig_check import check_tree, print_check
 from lidcam.cli.printing.terminal import console
 from lidcam.pipeline.calibration.lidar_poses import ComparedLidars, moved_lidar
+from lidcam.pipeline.calibration.motions import motion
 from lidcam.pipeline.core.frame import FrameResult, Missing
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraFit, LidarSensor, Rig
@@ -62,6 +63,21 @@ def test_an_error_is_named_and_corrected(values: tuple[float, ...], finding: str
     turn = camera.T_camera_site.matrix @ np.linalg.inv(CAMERA.T_camera_site.matrix)
     np.testing.assert_allclose([turn[2, 1], turn[0, 2], turn[1, 0]], values[:3], atol=0.004)
     assert camera.time_offset_ns == pytest.approx(-values[6] * 1e9, abs=6e6)
+
+
+@pytest.mark.parametrize(("yaw", "written"), [(0.03, 0.03), (0.002, 0.0)])
+def test_the_errors_are_those_of_the_recorded_pose_where_the_run_turned_a_camera(yaw: float, written: float) -> None:
+    done = np.array([0.001, 0.7 * yaw, 0, 0, 0, 0, 0.002])
+    pose = replace(CAMERA.T_camera_site, matrix=motion(done) @ CAMERA.T_camera_site.matrix)
+    used = replace(CAMERA, T_camera_site=pose, time_offset_ns=-2_000_000, fit=CameraFit(tuple(done.tolist())))
+    check = RigCheck(Rig("site", (), (used,), ()), CONFIG)
+    for frame in passing(np.array([0, yaw, 0, 0, 0, 0, 0.002]) - done, noise=0.3, camera=used):
+        check.add_frame(frame)
+    assert check.correction_count == len(check.warnings) == (written > 0)
+    [camera] = check.corrected().cameras
+    turn = camera.T_camera_site.matrix @ np.linalg.inv(CAMERA.T_camera_site.matrix)
+    assert turn[0, 2] == pytest.approx(written, abs=0.004)
+    assert written or (np.abs(turn - np.eye(4)).max() < 1e-9 and camera.time_offset_ns == 0)
 
 
 @pytest.mark.parametrize(("why", "is_named"), [(Missing.SILENT, True), (Missing.NOT_NEAR, False)])
