@@ -79,7 +79,7 @@ def _file_names(path: Path) -> tuple[str, ...]:
         ConfigError: it cannot be read, or it holds none.
     """
     try:
-        text = read_small_file(path, MAX_YAML_BYTES).decode()
+        text = read_small_file(path, MAX_YAML_BYTES).decode("utf-8-sig")
         is_yaml = path.suffix in {".yaml", ".yml", ".json"}
         found = parse_yaml(text) if is_yaml else [line.strip() for line in text.rstrip().splitlines()]
         if isinstance(found, dict):

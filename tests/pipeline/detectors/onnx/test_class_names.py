@@ -67,7 +67,7 @@ def test_names_and_classes_must_be_as_many(
     ("name", "text"),
     [
         ("a.txt", "car\n person \n\ntram\n\n\n"),
-        ("a.names", "car\r\nperson\r\n\r\ntram"),
+        ("a.names", "\ufeffcar\r\nperson\r\n\r\ntram"),  # as editors of Windows write it
         ("a.yaml", "path: x\nnames:\n  0: car\n  1: person\n  2: ''\n  3: tram\n"),
         ("a.yml", "names: [car, person, '', tram]\n"),
         ("config.json", '{"id2label": {"0": "car", "1": "person", "2": "", "3": "tram"}, "label2id": {}}'),
