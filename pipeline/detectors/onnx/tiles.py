@@ -78,10 +78,11 @@ def join_tiles(found: Sequence[Candidates2D], tiles: Sequence[Tile], *, min_scor
         may_be_cut.append(ends_at_a_seam(xyxy, tile, Tile(0, 0, width, height)))
         of_tile.append(np.full(len(xyxy), row))
     joined = Candidates2D(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-    tile_of = np.concatenate(of_tile)
-    may_cover = (joined.labels[:, None] == joined.labels) & (tile_of[:, None] != tile_of)
-    is_part = np.concatenate(may_be_cut) & (may_cover & _is_covered(joined)).any(1)
-    return Candidates2D(*(column[~is_part] for column in joined))
+    tile_of, cut = np.concatenate(of_tile), np.flatnonzero(np.concatenate(may_be_cut))  # only these are compared: few
+    may_cover = (joined.labels[cut, None] == joined.labels) & (tile_of[cut, None] != tile_of)
+    whole = np.ones(len(tile_of), np.bool_)
+    whole[cut] = ~(may_cover & _is_covered(joined.xyxy[cut], joined.xyxy)).any(1)
+    return Candidates2D(joined.xyxy[whole], joined.scores[whole], joined.labels[whole])
 
 
 def ends_at_a_seam(xyxy: F32, tile: Tile, image: Tile) -> Bools:
@@ -93,11 +94,11 @@ def ends_at_a_seam(xyxy: F32, tile: Tile, image: Tile) -> Bools:
     return cut
 
 
-def _is_covered(boxes: Candidates2D) -> Bools:
-    """(N, N) whether each box is smaller than each other one and lies in it for the most part."""
-    corner, end = boxes.xyxy[:, None, :2].astype(np.float64), boxes.xyxy[:, None, 2:].astype(np.float64)
-    shared = np.minimum(end, end[:, 0]) - np.maximum(corner, corner[:, 0])
-    areas = np.prod(np.maximum(end - corner, 0), axis=2)
+def _is_covered(parts: F32, others: F32) -> Bools:
+    """(M, N) whether each of M boxes (M, 4) is smaller than each of N (N, 4) and lies in it for the most part."""
+    part, other = parts[:, None].astype(np.float64), others.astype(np.float64)
+    shared = np.minimum(part[..., 2:], other[:, 2:]) - np.maximum(part[..., :2], other[:, :2])
     common = np.prod(np.maximum(shared, 0), axis=2)
-    covered: Bools = (common >= MIN_COVERED_SHARE * areas) & (areas < areas.T) & (areas > 0)
+    area, areas = (np.prod(np.maximum(boxes[..., 2:] - boxes[..., :2], 0), axis=-1) for boxes in (part, other))
+    covered: Bools = (common >= MIN_COVERED_SHARE * area) & (area < areas) & (area > 0)
     return covered

@@ -1,3 +1,4 @@
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +93,16 @@ def test_boxes_that_are_no_boxes_stay_as_they_are() -> None:
     expected[3:, ::2] += RIGHT.left
     found = join_tiles([candidates(*rows), candidates(*rows)], [LEFT, RIGHT], min_score=0.3)
     np.testing.assert_array_equal(found.xyxy, expected)
+
+
+def test_only_boxes_at_a_seam_are_compared() -> None:
+    """All boxes of all cells, as `detect2d.min_score: 0` keeps them, would take gigabytes."""
+    many = [(10.0, 10.0, 40.0, 40.0, 0.9, 0)] * 3000
+    tracemalloc.start()
+    found = join_tiles([candidates(*many, PART), candidates(*many)], [LEFT, RIGHT], min_score=0.0)
+    assert tracemalloc.get_traced_memory()[1] < 50 << 20
+    tracemalloc.stop()
+    assert len(found.scores) == 6000
 
 
 def test_a_network_of_one_size_sees_a_wide_image_in_tiles(tmp_path: Path) -> None:
