@@ -13,7 +13,7 @@ from lidcam.pipeline.detectors.onnx.preprocessing import Placement
 from lidcam.pipeline.detectors.protocols import Candidates2D
 
 STRIDES_PX = (8, 16, 32)
-PYRAMIDS_PX = (STRIDES_PX, (8, 16, 32, 64), (4, 8, 16, 32))
+PYRAMIDS_PX = (STRIDES_PX, (8, 16, 32, 64), (4, 8, 16, 32), (16, 32))
 """Strides of the grids of YOLO networks; the usual ones first."""
 
 ANCHORS_PER_CELL = 3

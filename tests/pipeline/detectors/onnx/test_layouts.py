@@ -247,6 +247,8 @@ def found_layout(
         ([blank(84, 8400)], "", ("yolov8", 80, "rgb_1", "center")),
         ([blank(5, 8400)], "", ("yolov8", 1, "rgb_1", "center")),
         ([blank(14, 8400 + 160 * 160)], "", ("yolov8", 10, "rgb_1", "center")),
+        ([blank(84, 2000)], "", ("yolov8", 80, "rgb_1", "center")),  # YOLOv3-tiny of Ultralytics
+        ([blank(3 * 2000, 13)], "", ("yolov5", 8, "rgb_1", "center")),
         ([blank(300, 6, value=30.0)], "", ("end_to_end", None, "rgb_1", "center")),
         ([blank(300, 6, value=0.0)], "", ("end_to_end", None, "rgb_1", "center")),
         ([blank(0, 6)], "", ("end_to_end", None, "rgb_1", "center")),
