@@ -173,7 +173,9 @@ class GivenDetector2D:
 
     def __init__(self, find: FindInImage, config: Config) -> None:
         self._find, self._class_id_of_label = find, config.class_id_of_label
-        self.labels: tuple[str, ...] = (*(getattr(find, "labels", ()) or self._class_id_of_label), "")
+        own = getattr(find, "labels", ())
+        own = own.values() if isinstance(own, Mapping) else own  # of names by number, as Ultralytics has them
+        self.labels: tuple[str, ...] = (*(tuple(map(str, own)) or self._class_id_of_label), "")
         self._rows = {label.strip().lower(): row for row, label in enumerate(self.labels)}
         self.unused: Counter[str] = Counter()
 

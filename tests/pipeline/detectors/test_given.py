@@ -81,8 +81,9 @@ def test_images_go_in_one_by_one() -> None:
     assert [detector.labels[row] for row in one.labels] == ["car"]
     assert [detector.labels[row] for row in two.labels] == ["car", ""]
     assert detector.unused == {"label 'sofa' is of no class": 1}
-    look.labels = ("person", "bicycle")  # type: ignore[attr-defined]  # as a network has them
-    assert GivenDetector2D(look, Config()).labels == ("person", "bicycle", "")
+    for names in (("person", "bicycle"), np.array(["person", "bicycle"]), {0: "person", 1: "bicycle"}):
+        look.labels = names  # type: ignore[attr-defined]  # as a network has them
+        assert GivenDetector2D(look, Config()).labels == ("person", "bicycle", "")
 
 
 def test_something_else_is_an_error_that_names_the_function() -> None:
