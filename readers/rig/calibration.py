@@ -31,6 +31,10 @@ OWN_SITE = "its frame is the site frame"
 RIG_FILE = "rig file"
 """Source of what the rig file gives."""
 
+MAX_AWAY_M = 2e5
+"""Largest coordinate of a lidar in the site frame, where points in single precision have steps of 16 mm; those of the
+squares of MGRS end at half of it, those of UTM are of half a metre."""
+
 MAX_OFF_CENTER = 0.25
 """Largest distance of a principal point from the middle of the image, as a share of its size."""
 
@@ -127,6 +131,12 @@ def calibrate_lidar(
         T_site_lidar, source = Transform.identity(site, frame), OWN_SITE
     else:
         T_site_lidar, source = frames.recorded(site, frame), frames.source(frame)
+    if (away_m := np.abs(T_site_lidar.translation).max()) > MAX_AWAY_M:
+        raise CalibrationError(
+            f"it is {away_m / 1000:.0f} km from the origin of the site frame {site!r}, expected at most "
+            f"{MAX_AWAY_M / 1000:.0f} km, as points have seven digits: take a frame near the sensors (rig.site_frame), "
+            "or the poses less the place of one of them"
+        )
     return (
         LidarSensor(lidar.name, lidar.topic, T_site_lidar, entry.time_offset_ns),
         SensorSource(lidar.name, lidar.topic, frame, "", source, entry.time_offset_ms),

@@ -187,6 +187,9 @@ def test_unsound_lidars_are_faults_until_none_is_left() -> None:
     found = apply({"site_frame": "s", "lidars": {"good": good, "bad": bad}, "cameras": {}})
     assert [lidar.name for lidar in found.rig.lidars] == ["good"]
     assert "not orthonormal" in reasons(found)["bad"]
+    in_utm = {"topic": "/b_points", "translation_m": [690_000, 5_300_000, 500]}
+    found = apply({"site_frame": "s", "lidars": {"good": good, "far": in_utm}, "cameras": {}})
+    assert "it is 5300 km from the origin of the site frame 's', expected at most 200 km" in reasons(found)["far"]
     found = apply({"site_frame": "s", "lidars": {"x": good, "y": good}, "cameras": {}})
     assert reasons(found) == {"y": "another sensor of the rig file has this topic"}
 
