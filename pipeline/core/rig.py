@@ -14,8 +14,6 @@ from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.settings.model import OUTSIDE_ZONES
 from lidcam.pipeline.core.text import brief
 
-"""Name for the place of objects that no zone holds."""
-
 BOXES_SUFFIX = " (boxes)"
 """Follows a camera's name where its recorded boxes are meant."""
 

@@ -83,7 +83,8 @@ class CombinedDetector:
         self._kinds = kinds_of(config.classes).argmax(1) if is_known else np.zeros(len(config.classes), np.int64)
         # Classes of one kind may stand for each other: a truck of clusters is a bus of the network.
         self._groups = np.where(self._kinds == UNKNOWN, len(KINDS) + np.arange(len(self._kinds)), self._kinds)
-        self._clusters, self._network = ClusterDetector(rig, config), FittedPillarDetector(rig, config)
+        self._clusters, self._fitted = ClusterDetector(rig, config), FittedPillarDetector(rig, config)
+        self._network = self._fitted.network
         self._site_frame, self._min_score = rig.site_frame, config.detect3d.min_score
         self._near_weight = config.detect3d.near_weight
         self._lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in rig.lidars]).reshape(-1, 2)
@@ -98,7 +99,7 @@ class CombinedDetector:
         clusters = likely_boxes(combined, self._site_frame, self._clusters(combined), self._min_score)
         if self._learned is not None:
             clusters = self._learned(combined, clusters)
-        found = self._network.boxes(combined)
+        found = self._fitted.boxes(combined)
         network = logit(found.scores.astype(np.float64))
         cluster, partner = self._partners(clusters, found)
         beside, yaws = np.full(len(clusters), np.nan), clusters.yaws.copy()

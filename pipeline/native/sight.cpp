@@ -1,4 +1,4 @@
-// Whether something nearer to the lidar hides the lower part of a cluster: see `detectors/cluster/sight.py`.
+// Whether something nearer to the lidar hides the lower part of a cluster: see `detectors/cluster/detector.py`.
 #include "arrays.h"
 
 #include <algorithm>

@@ -196,6 +196,9 @@ class FittedPillarDetector:
     The network knows where objects are and where their front is; the points in a box show its sides and its heading
     more exactly. How long a vehicle is, of which a side is seen, the network knows better. So a vehicle is the mean of
     its two boxes.
+
+    Attributes:
+        network: The network.
     """
 
     def __init__(self, rig: Rig, config: Config) -> None:
@@ -204,7 +207,7 @@ class FittedPillarDetector:
         Raises:
             ModelError: there is none, it cannot be loaded, or none of its classes is configured.
         """
-        self._network, self._site_frame = PillarDetector(rig, config), rig.site_frame
+        self.network, self._site_frame = PillarDetector(rig, config), rig.site_frame
         fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
         self._refit = Refitter(fitter, config.detect3d.cluster, config.classes)
         sizes = np.array([prior.size_m for prior in config.classes])
@@ -222,7 +225,7 @@ class FittedPillarDetector:
         Vehicles taller than people stay beside likelier people: to the network their parts may look like people.
         A box is left as it is where its points are only a part of the object, or more than the object.
         """
-        proposed = self._network(combined)
+        proposed = self.network(combined)
         vehicles = Candidates3D._make(column[~self._is_slender[proposed.class_ids]] for column in proposed)
         found, beside = (likely_boxes(combined, self._site_frame, one, 0.0) for one in (proposed, vehicles))
         found = found.select(~self._is_tall[found.class_ids]).joined(beside.select(self._is_tall[beside.class_ids]))
@@ -236,12 +239,3 @@ class FittedPillarDetector:
         better = agree * np.where(is_slender, 1, 2)
         boxes = found.joined(fitted, merged(found, fitted)).select(np.arange(len(found)) + len(found) * better)
         return replace(boxes, covariances=np.where(is_slender[:, None, None], boxes.covariances, by_points(boxes)))
-
-    @property
-    def class_ids(self) -> I64:
-        """(M,) classes that the network finds."""
-        return self._network.class_ids
-
-    def reaches(self, xy: F64) -> Bools:
-        """(N,) whether places (N, 2) in the site frame are in the grid of the network."""
-        return self._network.reaches(xy)
