@@ -223,9 +223,8 @@ def _read_rtdetr_listed(rows: F32, *, size_px: Size, min_score: float) -> Candid
 def _read_detr(boxes: F32, logits: F32, *, size_px: Size, min_score: float) -> Candidates2D:
     """RT-DETR, D-FINE, RF-DETR: centre and size in shares (Q, 4), and log odds of the classes (Q, C)."""
     del min_score
-    from scipy.special import expit  # a fifth of a second, for these networks alone
-
-    return Candidates2D(_in_pixels(boxes, size_px), *_best_class(expit(logits)))
+    scores = np.asarray(1 / (1 + np.exp(-logits)), np.float32)
+    return Candidates2D(_in_pixels(boxes, size_px), *_best_class(scores))
 
 
 def _read_dfine(labels: Array, boxes: F32, scores: F32, *, size_px: Size, min_score: float) -> Candidates2D:
