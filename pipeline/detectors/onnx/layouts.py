@@ -129,9 +129,10 @@ def _look(trial: Trial) -> NetworkLayout | None:
         return None
     _, rows, columns = trial.outputs[0].shape
     cells = [_cell_count(trial.size_px, strides) for strides in PYRAMIDS_PX]
+    if columns > 5 and rows in cells and (trial.outputs[0][..., 4] == 1).all():  # YOLOv6: ones in place of objectness
+        return "yolov5"
     if columns > 5 and rows == cells[0]:
-        has_objectness = bool((trial.outputs[0][..., 4] != 1).any())  # YOLOv6 has ones in its place
-        return "yolox" if has_objectness else "yolov5"
+        return "yolox"
     if columns > 5 and rows in {ANCHORS_PER_CELL * count for count in cells}:
         return "yolov5"
     if rows > 4 and columns in cells:

@@ -243,6 +243,7 @@ def found_layout(
         ([blank(8400, 85)], "", ("yolox", 80, "bgr_255", "top_left")),
         ([blank(8400, 6)], "", ("yolox", 1, "bgr_255", "top_left")),
         ([blank(8400, 85, value=1.0)], "", ("yolov5", 80, "rgb_1", "center")),
+        ([blank(8500, 85, value=1.0)], "", ("yolov5", 80, "rgb_1", "center")),  # YOLOv6 with grids up to stride 64
         ([blank(3 * 8500, 13)], "", ("yolov5", 8, "rgb_1", "center")),
         ([blank(84, 8400)], "", ("yolov8", 80, "rgb_1", "center")),
         ([blank(5, 8400)], "", ("yolov8", 1, "rgb_1", "center")),
