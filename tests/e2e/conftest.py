@@ -51,9 +51,7 @@ def first_messages(sandbox: Path) -> dict[str, list[RawMessage]]:
 
 @pytest.fixture(scope="session")
 def first_result(
-    first_messages: dict[str, list[RawMessage]],
-    lidcam: Lidcam,
-    tmp_path_factory: pytest.TempPathFactory,
+    first_messages: dict[str, list[RawMessage]], lidcam: Lidcam, tmp_path_factory: pytest.TempPathFactory
 ) -> Path:
     """What they become with the sample's settings, by clusters."""
     path = tmp_path_factory.mktemp("first") / "first.bag"

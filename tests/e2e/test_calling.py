@@ -98,11 +98,7 @@ def test_help(lidcam: Lidcam, command: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "found"),
-    [
-        ("lidcam simulate s", ["sandbox"]),
-        ("lidcam process --on-bad-message ", ["skip", "fail"]),
-    ],
+    ("line", "found"), [("lidcam simulate s", ["sandbox"]), ("lidcam process --on-bad-message ", ["skip", "fail"])]
 )
 def test_the_shell_completes(line: str, found: list[str], tmp_path: Path) -> None:
     words = line.split(" ")

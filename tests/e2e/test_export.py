@@ -63,10 +63,7 @@ def test_kitti_labels_are_the_objects_that_the_camera_sees(lidcam: Lidcam, first
     [
         (("kitti", "--camera", "cam99"), "out: expected a camera with images, cam11, "),
         (("coco", "--camera", "cam99"), "out.mcap: expected a camera with images, cam11, "),
-        (
-            ("cvat", "--camera", "cam11"),
-            "camera: cvat has all cameras; only kitti, kitti-tracking, coco",
-        ),
+        (("cvat", "--camera", "cam11"), "camera: cvat has all cameras; only kitti, kitti-tracking, coco"),
         (("kitti", "--truth", "missing.json"), "missing.json: no such file or folder"),
     ],
 )

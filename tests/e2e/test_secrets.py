@@ -5,10 +5,7 @@ from pathlib import Path
 import pytest
 from command import Lidcam
 
-URLS = [
-    "https://ada:s3cret@127.0.0.1:9/x.yaml?X-Amz-Signature=s3cret",
-    "https://ada:1/s3cret@127.0.0.1:9/x.yaml",
-]
+URLS = ["https://ada:s3cret@127.0.0.1:9/x.yaml?X-Amz-Signature=s3cret", "https://ada:1/s3cret@127.0.0.1:9/x.yaml"]
 
 COMMANDS = [
     "process {sandbox} out.mcap --rig {url}",

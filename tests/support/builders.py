@@ -194,12 +194,7 @@ def odometry(
 
 
 def detection2d_array(
-    xyxy: npt.ArrayLike,
-    *,
-    class_names: Sequence[str],
-    scores: Sequence[float],
-    stamp_ns: int,
-    frame_id: str = "camera",
+    xyxy: npt.ArrayLike, *, class_names: Sequence[str], scores: Sequence[float], stamp_ns: int, frame_id: str = "camera"
 ) -> Fields:
     """vision_msgs/Detection2DArray of boxes left, top, right, bottom in pixels."""
     return {

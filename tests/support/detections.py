@@ -49,11 +49,7 @@ def boxes2d(rows: npt.ArrayLike, *, frame_id: str = "cam") -> Boxes2D:
     """Boxes from rows left, top, right, bottom, score, class id."""
     table = np.array(rows, np.float64).reshape(-1, 6)
     return Boxes2D(
-        1,
-        frame_id,
-        table[:, :4].astype(np.float32),
-        table[:, 4].astype(np.float32),
-        table[:, 5].astype(np.int32),
+        1, frame_id, table[:, :4].astype(np.float32), table[:, 4].astype(np.float32), table[:, 5].astype(np.int32)
     )
 
 

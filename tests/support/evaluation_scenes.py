@@ -55,10 +55,7 @@ def _rows(centers: npt.ArrayLike, sizes: npt.ArrayLike, yaws: npt.ArrayLike) -> 
 
 
 def image(
-    found_xyxy: npt.ArrayLike,
-    scores: npt.ArrayLike,
-    class_ids: npt.ArrayLike,
-    truth: TruthBoxes2D | None,
+    found_xyxy: npt.ArrayLike, scores: npt.ArrayLike, class_ids: npt.ArrayLike, truth: TruthBoxes2D | None
 ) -> ImageBoxes:
     """What was found in an image."""
     n = np.size(scores)

@@ -140,9 +140,7 @@ def frame(
 
 
 def tracks_of(
-    numbers: Sequence[int],
-    velocities: npt.ArrayLike = (0.0, 0.0),
-    fronts_known: bool | Sequence[bool] = (False,),
+    numbers: Sequence[int], velocities: npt.ArrayLike = (0.0, 0.0), fronts_known: bool | Sequence[bool] = (False,)
 ) -> Tracks:
     """Tracks of these numbers, of existence 0.75 and 1.25 s old; 0 belongs to none."""
     n = len(numbers)

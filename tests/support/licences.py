@@ -30,11 +30,7 @@ TITLES = {
     "dev": "Tools of the other tests",
 }
 
-UNSAID = {
-    "atheris": "Apache-2.0",
-    "mcap": "MIT",
-    "python-dateutil": "Apache-2.0 OR BSD-3-Clause",
-}
+UNSAID = {"atheris": "Apache-2.0", "mcap": "MIT", "python-dateutil": "Apache-2.0 OR BSD-3-Clause"}
 """Licences that the files of a package state and its metadata do not."""
 
 LONGEST = 60

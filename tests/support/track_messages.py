@@ -42,10 +42,7 @@ def track(
     covariance = np.full((6, 6), 99.0)  # none of what is not read is zero
     rows = np.array([0, 1, 5])
     covariance[rows[:, None], rows] = np.diag(np.square(deviations))
-    motion = {
-        "linear": {"x": velocity[0], "y": velocity[1], "z": 7.0},
-        "angular": {"x": 8.0, "y": 9.0, "z": yaw_rate},
-    }
+    motion = {"linear": {"x": velocity[0], "y": velocity[1], "z": 7.0}, "angular": {"x": 8.0, "y": 9.0, "z": yaw_rate}}
     known = {"id": id_, "class_id": "car", "existence": 0.75, "source": source}
     return {**known, "twist": {"twist": motion, "covariance": covariance.ravel()}, **fields}
 

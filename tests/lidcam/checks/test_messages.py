@@ -119,10 +119,7 @@ def seeing(result: FrameResult, name: str, *, objects: bool = True) -> FrameResu
         ([seeing(frame(row), "left", objects=False) for row in range(25)], []),
         ([without_messages(frame(row), "/right/image") for row in range(25)], []),
         ([repeated(row, "/left/image") for row in range(9)], []),
-        (
-            [repeated(row, "/left/image") for row in range(10)],
-            ["left: 9 of 10 images are the same as the one before"],
-        ),
+        ([repeated(row, "/left/image") for row in range(10)], ["left: 9 of 10 images are the same as the one before"]),
         ([repeated(row, *["/left/image"] * (row > 3)) for row in range(13)], []),  # repeats 9 of 12
         (
             [repeated(row, "/left/image", "/right/image") for row in range(30)],

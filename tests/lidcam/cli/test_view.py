@@ -38,10 +38,7 @@ def test_what_there_is_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize(
     ("name", "told"),
     [
-        (
-            "out.rrd",
-            "out.rrd: expected a display for the Rerun viewer, found none (DISPLAY is not set); `rerun",
-        ),
+        ("out.rrd", "out.rrd: expected a display for the Rerun viewer, found none (DISPLAY is not set); `rerun"),
         ("out.csv", "out.csv: expected a result of lidcam, which ends in .rrd, .html, .mp4 or .mcap"),
         ("none.rrd", "none.rrd: expected a result to open, found no such file"),
     ],

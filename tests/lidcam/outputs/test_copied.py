@@ -40,11 +40,7 @@ def test_odometry_that_the_rig_calls_truth() -> None:
 
 @pytest.mark.parametrize(
     ("patterns", "topics"),
-    [
-        (None, (MAP, TRUTH, "/labels/gt")),
-        ([], ()),
-        (["/od*", "/ground_truth/m?p"], (MAP, "/odom")),
-    ],
+    [(None, (MAP, TRUTH, "/labels/gt")), ([], ()), (["/od*", "/ground_truth/m?p"], (MAP, "/odom"))],
 )
 def test_topics_of_truth_or_those_asked_for(patterns: Any, topics: tuple[str, ...]) -> None:
     assert chosen(patterns) == (topics, ())

@@ -101,8 +101,7 @@ def test_the_content_says_what_lidcam_made(results: Path, name: str, made: str |
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["out.mcap", "out.parquet", "repaired.mcap", "sim.bag", "sim.mcap", "rig.yaml", "out.foxglove.json"],
+    "name", ["out.mcap", "out.parquet", "repaired.mcap", "sim.bag", "sim.mcap", "rig.yaml", "out.foxglove.json"]
 )
 def test_what_is_cut_or_changed_is_not_lidcam_s(results: Path, tmp_path: Path, name: str) -> None:
     content = (results / name).read_bytes()

@@ -33,12 +33,7 @@ def judged(frames: Sequence[FrameResult]) -> CameraError | None:
 
 @pytest.mark.parametrize("speed_m_s", [0.0, 8.0], ids=["standing", "driving"])
 @pytest.mark.parametrize(
-    "values",
-    [
-        (0, 0, 0, 0, 0, 0, 0),
-        (0.01, -0.02, 0.01, 0.1, -0.1, 0.1, -0.04),
-    ],
-    ids=["none", "all"],
+    "values", [(0, 0, 0, 0, 0, 0, 0), (0.01, -0.02, 0.01, 0.1, -0.1, 0.1, -0.04)], ids=["none", "all"]
 )
 def test_without_noise_the_error_is_found_as_it_is(values: tuple[float, ...], speed_m_s: float) -> None:
     found = judged(passing(values, noise=0.0, frames=25, speed_m_s=speed_m_s))

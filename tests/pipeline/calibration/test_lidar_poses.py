@@ -9,12 +9,7 @@ from hypothesis import strategies as st
 from seen_rooms import FIRST, SECOND, placed, seen
 
 from lidcam.pipeline.calibration.lidar_error import LidarError
-from lidcam.pipeline.calibration.lidar_poses import (
-    LidarPair,
-    agreeing_motions,
-    compared_lidars,
-    moved_lidar,
-)
+from lidcam.pipeline.calibration.lidar_poses import LidarPair, agreeing_motions, compared_lidars, moved_lidar
 from lidcam.pipeline.calibration.motions import motion
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.transform import Transform

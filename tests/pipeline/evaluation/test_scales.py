@@ -2,13 +2,7 @@ import numpy as np
 import pytest
 
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.evaluation.scales import (
-    is_flip,
-    length_scales,
-    range_edges_m,
-    range_names,
-    range_rows,
-)
+from lidcam.pipeline.evaluation.scales import is_flip, length_scales, range_edges_m, range_names, range_rows
 
 
 def test_distances_are_as_long_as_the_class() -> None:

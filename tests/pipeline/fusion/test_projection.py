@@ -11,12 +11,7 @@ from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor
-from lidcam.pipeline.fusion.projection import (
-    CameraArrays,
-    ProjectedEdges,
-    project_edges,
-    rounded_outline,
-)
+from lidcam.pipeline.fusion.projection import CameraArrays, ProjectedEdges, project_edges, rounded_outline
 
 
 def sensor(model: CameraModel, *, yaw: float = 0.0) -> CameraSensor:

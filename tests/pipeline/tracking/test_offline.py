@@ -5,17 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tracked_scenes import (
-    BUS,
-    CAR,
-    PERIOD_S,
-    PRIORS,
-    TRUCK,
-    Mover,
-    circling,
-    scene,
-    straight,
-)
+from tracked_scenes import BUS, CAR, PERIOD_S, PRIORS, TRUCK, Mover, circling, scene, straight
 
 from lidcam.pipeline.tracking.motion import HEADING, REAR_SHARE, SPEED
 from lidcam.pipeline.tracking.offline import OfflineTracker

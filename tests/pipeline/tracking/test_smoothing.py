@@ -76,10 +76,7 @@ def test_tracks_do_not_change_each_other() -> None:
     xs, seen = np.arange(6) * 0.2, np.ones(6, np.bool_)
     alone = smoothed(course([2], [7]), cells(xs, seen), stamps_s, STANDS)
     both = smoothed(
-        course([0, 2], [7, 7]),
-        cells(np.concatenate([np.ones(8), xs]), np.ones(14, np.bool_)),
-        stamps_s,
-        STANDS,
+        course([0, 2], [7, 7]), cells(np.concatenate([np.ones(8), xs]), np.ones(14, np.bool_)), stamps_s, STANDS
     )
     np.testing.assert_array_equal(both.states[8:], alone.states)
 

@@ -65,10 +65,7 @@ def packed_zeros(mib: int) -> bytes:
 def test_a_file_that_would_fill_the_disk(tmp_path: Path, recovery: Literal["as_needed", "none"]) -> None:
     path = tmp_path / "a.mcap.zstd"
     path.write_bytes(packed_zeros(64))
-    with (
-        at_most(10),
-        pytest.raises(RecordingError, match=r"a\.mcap\.zstd: unpacks to more than .* raise limit_scale"),
-    ):
+    with at_most(10), pytest.raises(RecordingError, match=r"a\.mcap\.zstd: unpacks to more than .* raise limit_scale"):
         open_recording([path], ReadOptions(recovery, RecordingLimits(max_unpacked_file_gib=0.01)))
 
 

@@ -89,11 +89,7 @@ def yuv_of(rgb: Array) -> Array:
     """ITU-R BT.601, limited range, from its definition: Kr 0.299, Kb 0.114; Y 16 to 235, U and V 16 to 240."""
     red, green, blue = np.moveaxis(rgb / 255.0, -1, 0)
     luma = 0.299 * red + 0.587 * green + 0.114 * blue
-    planes = [
-        16 + 219 * luma,
-        128 + 224 * (blue - luma) / (2 - 2 * 0.114),
-        128 + 224 * (red - luma) / (2 - 2 * 0.299),
-    ]
+    planes = [16 + 219 * luma, 128 + 224 * (blue - luma) / (2 - 2 * 0.114), 128 + 224 * (red - luma) / (2 - 2 * 0.299)]
     return np.asarray(np.rint(np.stack(planes, -1)), np.uint8)
 
 

@@ -102,10 +102,7 @@ def test_definitions_of_forks(point: str, head: str, error: str) -> None:
     fields["points"] = [{name: value for name, value in one.items() if name in kept} for one in fields["points"]]
     if "lidar_id" not in head:
         del fields["lidar_id"]
-    definitions = {
-        "fork/msg/CustomPoint": point,
-        "fork/msg/CustomMsg": f"{head}fork/CustomPoint[] points",
-    }
+    definitions = {"fork/msg/CustomPoint": point, "fork/msg/CustomMsg": f"{head}fork/CustomPoint[] points"}
     of_package = {name.replace("fork", "livox_ros_driver2"): text for name, text in definitions.items()}
     of_package = {name: text.replace("fork", "livox_ros_driver2") for name, text in of_package.items()}
     for encoding in ("ros1", "cdr"):

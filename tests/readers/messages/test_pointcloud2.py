@@ -134,8 +134,7 @@ def test_float64_keeps_what_float32_can_hold() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "code"),
-    [("intensity", "f4"), ("i", "f8"), ("reflectivity", "u1"), ("signal", "u2"), ("Intensity", "f4")],
+    ("name", "code"), [("intensity", "f4"), ("i", "f8"), ("reflectivity", "u1"), ("signal", "u2"), ("Intensity", "f4")]
 )
 def test_intensity(name: str, code: str) -> None:
     np.testing.assert_array_equal(decode(**{name: np.array([0, 9, 200], code)}).intensity, [0, 9, 200])

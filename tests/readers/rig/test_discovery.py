@@ -96,11 +96,7 @@ PANDAR = Channel("/hesai/packets", "pandar_msgs/msg/PandarScan", "cdr", "", "ros
         ([image_message("/camera/image_raw", "c")], {}, r"a topic of lidar clouds.*/camera/image_raw \(sensor_msgs"),
         ([], {}, "found topics: none"),
         ([image_message(f"/camera{i}/image_raw", "camera") for i in range(15)], {}, "and 5 more"),
-        (
-            [RawMessage(1, 1, (0, 0), b"", PANDAR)],
-            {},
-            r"of a Hesai \(pandar_msgs/PandarScan\), which .* read; play",
-        ),
+        ([RawMessage(1, 1, (0, 0), b"", PANDAR)], {}, r"of a Hesai \(pandar_msgs/PandarScan\), which .* read; play"),
     ],
 )
 def test_no_usable_lidar_ends_the_run(messages: list[RawMessage], sections: dict[str, Any], words: str) -> None:

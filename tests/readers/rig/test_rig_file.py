@@ -140,10 +140,7 @@ def test_camera_calibration_in_every_form(calibration: dict[str, Any]) -> None:
     ("tree", "reason"),
     [
         ({"lidars": {"a": {"T_site_lidar": EYE}}}, "site_frame is missing in the rig file: .* pose of a is given in"),
-        (
-            {"cameras": {"cam11": {"K": K, "T_camera_site": LOOK_X}}},
-            r"of cam11 is given in; where the lidars \(a, b\)",
-        ),
+        ({"cameras": {"cam11": {"K": K, "T_camera_site": LOOK_X}}}, r"of cam11 is given in; where the lidars \(a, b\)"),
     ],
 )
 def test_poses_in_a_frame_without_a_name_are_refused(tree: dict[str, Any], reason: str) -> None:

@@ -2,10 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidcam.readers.rig.topic_names import (
-    is_truth,
-    sensor_names,
-)
+from lidcam.readers.rig.topic_names import is_truth, sensor_names
 
 TOPIC = st.from_regex(r"(/[a-z0-9_]{1,8}){1,4}", fullmatch=True)
 

@@ -96,10 +96,7 @@ def test_what_waits_is_limited_and_room_is_made_again() -> None:
     assert [drop.reason for drop in drops] == ["more than limit_scale allows waited for a frame"]
 
 
-@given(
-    st.lists(st.tuples(st.sampled_from(["/truth", "/sensor"]), st.integers(0, 50)), max_size=30),
-    st.integers(1, 4),
-)
+@given(st.lists(st.tuples(st.sampled_from(["/truth", "/sensor"]), st.integers(0, 50)), max_size=30), st.integers(1, 4))
 def test_all_messages_arrive_once_and_in_order(recorded: list[tuple[str, int]], every: int) -> None:
     stream = [message(topic, at) for topic, at in recorded]
     found = handed_on(CopiedMessages(("/truth",)), stream, every=every)

@@ -101,10 +101,7 @@ def test_a_configured_topic_may_leave_its_frame_unnamed() -> None:
 
 @pytest.mark.parametrize(
     ("topic", "reason"),
-    [
-        ("/nowhere", "expected a recorded nav_msgs/msg/Odometry .* found '/nowhere'"),
-        ("/car", "odometry of 'car'"),
-    ],
+    [("/nowhere", "expected a recorded nav_msgs/msg/Odometry .* found '/nowhere'"), ("/car", "odometry of 'car'")],
 )
 def test_a_wrong_configured_topic_is_an_error(topic: str, reason: str) -> None:
     with pytest.raises(ConfigError, match=reason):

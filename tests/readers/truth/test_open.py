@@ -84,8 +84,7 @@ def opened(path: Path) -> TruthSource | None:
 
 
 @pytest.mark.parametrize(
-    ("file", "given"),
-    [("a.txt", "a.txt"), ("label_2/000001.txt", ""), ("label_2/000001.txt", "label_2")],
+    ("file", "given"), [("a.txt", "a.txt"), ("label_2/000001.txt", ""), ("label_2/000001.txt", "label_2")]
 )
 def test_the_content_says_what_it_is(tmp_path: Path, file: str, given: str) -> None:
     (tmp_path / file).parent.mkdir(exist_ok=True)

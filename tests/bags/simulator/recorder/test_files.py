@@ -10,12 +10,7 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from lidcam.bags.simulator.recorder.files import (
-    WriteMessage,
-    recording_file,
-    recording_names,
-    ros_version_of,
-)
+from lidcam.bags.simulator.recorder.files import WriteMessage, recording_file, recording_names, ros_version_of
 from lidcam.bags.simulator.recorder.messages import (
     MessageFactory,
     TrueObject,

@@ -2,14 +2,7 @@ import numpy as np
 import pytest
 from small_worlds import GREY, RETRO
 
-from lidcam.bags.simulator.sensors.echoes import (
-    NO_ECHO,
-    Echoes,
-    Reflected,
-    distinct_echoes,
-    intensity,
-    returned_share,
-)
+from lidcam.bags.simulator.sensors.echoes import NO_ECHO, Echoes, Reflected, distinct_echoes, intensity, returned_share
 from lidcam.bags.simulator.world.mesh import Material
 
 MIRROR = Material("mirror", (1, 1, 1), 1.0, mirror=0.5)

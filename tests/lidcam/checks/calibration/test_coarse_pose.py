@@ -82,10 +82,7 @@ def test_cameras_as_calibrated_are_not_named() -> None:
     [
         (turned(TRUE, "y", -20), "if it looked 20 degrees further left; calibrate it again"),
         (turned(TRUE, "x", -10), "if it looked 10 degrees further down; calibrate it again"),
-        (
-            posed(TRUE, TRUE.T_camera_site.inverse().matrix),
-            "with the inverse of its extrinsics; they look inverted",
-        ),
+        (posed(TRUE, TRUE.T_camera_site.inverse().matrix), "with the inverse of its extrinsics; they look inverted"),
     ],
 )
 def test_the_pose_that_fits_is_named(camera: CameraSensor, how: str) -> None:

@@ -77,8 +77,7 @@ def test_two_lidars_of_one_height_contradict_each_other() -> None:
 
 
 @pytest.mark.parametrize(
-    ("turned_deg", "tilt"),
-    [([45, 0, 0], "45"), ([0, -30, 0], "30"), ([0, 0, 45], None), ([4, 0, 0], None)],
+    ("turned_deg", "tilt"), [([45, 0, 0], "45"), ([0, -30, 0], "30"), ([0, 0, 45], None), ([4, 0, 0], None)]
 )
 def test_a_lidar_whose_mount_was_forgotten(turned_deg: list[float], tilt: str | None) -> None:
     true = [lidar("a"), lidar("b")]

@@ -99,12 +99,7 @@ def test_the_log_fakes_no_lines(tmp_path: Path, capsys: pytest.CaptureFixture[st
         int(HOSTILE)
     except ValueError:
         logging.getLogger("lidcam.cli.program").debug("a bug", exc_info=True)
-    told = [
-        f"lidcam: {SHOWN}",
-        f"lidcam: error: {SHOWN}",
-        f"wrote {SHOWN}",
-        f"lidcam: incomplete: {SHOWN}",
-    ]
+    told = [f"lidcam: {SHOWN}", f"lidcam: error: {SHOWN}", f"wrote {SHOWN}", f"lidcam: incomplete: {SHOWN}"]
     assert capsys.readouterr().err.split("\n") == [*told, ""]
     log = (tmp_path / "run.log").read_text(encoding="utf-8")
     assert log.replace("\n", "").isprintable()

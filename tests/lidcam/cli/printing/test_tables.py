@@ -5,12 +5,7 @@ import pytest
 from rich.console import Console, RenderableType
 
 from lidcam.cli.printing.numbers import number, percent, share, signed
-from lidcam.cli.printing.tables import (
-    missing_table,
-    objects_table,
-    road_users_table,
-    sensors_table,
-)
+from lidcam.cli.printing.tables import missing_table, objects_table, road_users_table, sensors_table
 from lidcam.pipeline.evaluation.road_users import RoadUserCount, RoadUsers
 from lidcam.readers.rig.calibration import SensorSource
 from lidcam.run.missing import MissingSensor, SilentSpan

@@ -61,11 +61,7 @@ def test_boxes_stand_where_the_network_finds_them(tmp_path: Path, lidar_xy: tupl
         ({"features": ["x"]}, (), "found other features or another grid: train it anew"),
         ({"classes": [{"name": "tram"}, {"name": "dog"}]}, (), "finds tram, dog; expected one that is a class"),
         ({"classes": [{"name": "car"}]}, (), r"numbers \(1, 9, 32, 32\), found float32 \(1, 10, 32, 32\)"),
-        (
-            {},
-            (MODEL_CAR,),
-            r"has pillars of 0\.5 m, expected narrower ones .* \(car 0\.22 m\)",
-        ),
+        ({}, (MODEL_CAR,), r"has pillars of 0\.5 m, expected narrower ones .* \(car 0\.22 m\)"),
         (None, ("detect3d.method=pillars",), "give --model-3d FILE.onnx or set detect3d.model"),
     ],
 )

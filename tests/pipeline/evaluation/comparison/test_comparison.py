@@ -206,8 +206,7 @@ def test_classes_are_compared_by_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("allowed", "share"),
-    [((), 50.0), (("turned",), 0.0), (("lost",), 50.0), (("turned", "moved"), 0.0)],
+    ("allowed", "share"), [((), 50.0), (("turned",), 0.0), (("lost",), 50.0), (("turned", "moved"), 0.0)]
 )
 def test_share_of_what_is_not_allowed(allowed: tuple[Kind, ...], share: float) -> None:
     run = run_of(4, objects(*CARS))

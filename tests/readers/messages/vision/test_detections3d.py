@@ -14,10 +14,7 @@ MSGTYPE = "vision_msgs/msg/Detection3DArray"
 
 
 def pose(x: float = 1.0, y: float = 2.0, z: float = 3.0, quaternion: tuple[float, ...] = (0, 0, 0, 1)) -> Fields:
-    return {
-        "position": {"x": x, "y": y, "z": z},
-        "orientation": dict(zip("xyzw", map(float, quaternion), strict=True)),
-    }
+    return {"position": {"x": x, "y": y, "z": z}, "orientation": dict(zip("xyzw", map(float, quaternion), strict=True))}
 
 
 def detection(
