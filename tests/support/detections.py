@@ -19,8 +19,8 @@ LOOK_FORWARD = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0,
 def boxes3d(
     rows: npt.ArrayLike,
     *,
-    scores: Sequence[float] | None = None,
-    class_ids: Sequence[int] | None = None,
+    scores: npt.ArrayLike | None = None,
+    class_ids: npt.ArrayLike | None = None,
     frame_id: str = "site",
     deviations: npt.ArrayLike = (0.1, 2**0.5 / 10, 3**0.5 / 10),
 ) -> Boxes3D:

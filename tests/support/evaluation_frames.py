@@ -1,12 +1,23 @@
-"""Frames for tests of evaluation, from plain rows."""
+"""Frames for tests of evaluation, from plain rows, and their figures."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from detections import boxes3d
+from detections import boxes2d, boxes3d
 
-from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, ImageBoxes, SourceBoxes, TruthBoxes3D
+from lidcam.pipeline.core.rig import Zone
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation
+from lidcam.pipeline.evaluation.evaluation_frame import (
+    UNKNOWN,
+    EvaluationFrame,
+    ImageBoxes,
+    SourceBoxes,
+    TruthBoxes2D,
+    TruthBoxes3D,
+)
 
 FRAME_NS = 100_000_000
 
@@ -20,9 +31,9 @@ def truth_boxes(
     rows: npt.ArrayLike,
     tracks: Sequence[int] | None = None,
     *,
-    class_ids: Sequence[int] | None = None,
-    labels: Sequence[str] | None = None,
-    lidar_points: Sequence[int] | None = None,
+    class_ids: npt.ArrayLike | None = None,
+    labels: npt.ArrayLike | None = None,
+    lidar_points: npt.ArrayLike | None = None,
     image_pixels: Sequence[int] | None = None,
     is_ignored: Sequence[bool] | None = None,
 ) -> TruthBoxes3D:
@@ -48,8 +59,8 @@ def source_boxes(
     rows: npt.ArrayLike,
     tracks: Sequence[int] | None = None,
     *,
-    scores: Sequence[float] | None = None,
-    class_ids: Sequence[int] | None = None,
+    scores: npt.ArrayLike | None = None,
+    class_ids: npt.ArrayLike | None = None,
     is_ignored: Sequence[bool] | None = None,
 ) -> SourceBoxes:
     """Results from rows x, y, z, length, width, height, yaw; score 0.5, class 0 and no tracks unless given."""
@@ -71,3 +82,35 @@ def frame_of(
     """A frame; ten a second unless a stamp is given."""
     stamp_ns = index * FRAME_NS if stamp_ns is None else stamp_ns
     return EvaluationFrame(index, stamp_ns, truth, sources or {}, images or {}, skew_ns)
+
+
+def image(
+    found_xyxy: npt.ArrayLike, scores: npt.ArrayLike, class_ids: npt.ArrayLike, truth: TruthBoxes2D | None
+) -> ImageBoxes:
+    """What was found in an image."""
+    xyxy = np.array(found_xyxy, np.float64).reshape(-1, 4)
+    return ImageBoxes(boxes2d(np.column_stack([xyxy, scores, class_ids])), truth)
+
+
+def truth2d(
+    xyxy: npt.ArrayLike, class_ids: Sequence[int], *, image_pixels: int = UNKNOWN, is_ignored: bool = False
+) -> TruthBoxes2D:
+    """What an image shows."""
+    n = len(class_ids)
+    return TruthBoxes2D(
+        0,
+        np.array(xyxy, np.float32).reshape(n, 4),
+        np.array(class_ids, np.int32),
+        np.array(["any"] * n, np.str_),
+        np.full(n, UNKNOWN, np.int64),
+        np.full(n, image_pixels, np.int32),
+        np.full(n, is_ignored),
+    )
+
+
+def evaluated(frames: Iterable[EvaluationFrame], config: Config, zones: Sequence[Zone] = ()) -> Any:
+    """The figures of detection, as a tree of any depth."""
+    evaluation = DetectionEvaluation(config, zones)
+    for frame in frames:
+        evaluation.add_frame(frame)
+    return evaluation.figures()

@@ -3,8 +3,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from evaluation_frames import frame_of, rows_at, source_boxes, truth_boxes
-from evaluation_scenes import image, truth2d
+from evaluation_frames import frame_of, image, rows_at, source_boxes, truth2d, truth_boxes
 
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.detection.detection_evaluation import DetectionEvaluation

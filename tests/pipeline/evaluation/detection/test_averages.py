@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from evaluation_scenes import boxes3d, evaluated, truth3d
+from evaluation_frames import evaluated, source_boxes, truth_boxes
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -61,14 +61,15 @@ def random_frames(seed: int, score_steps: int) -> list[EvaluationFrame]:
         centers = rng.uniform(-6, 6, (n, 3)) * (1, 1, 0.05)
         sizes = rng.uniform(0.7, 1.3, (n, 3)) * (4, 2, 1.5)
         yaws = rng.uniform(-3, 3, n)
-        truth = truth3d(centers, sizes, yaws, ids)
+        truth = truth_boxes(np.c_[centers, sizes, yaws], class_ids=ids)
         rows = np.flatnonzero(rng.random(n) < 0.8)
-        found = boxes3d(
-            np.concatenate([centers[rows] + rng.normal(0, 0.3, (len(rows), 3)), rng.uniform(-6, 6, (extra, 3))]),
-            np.concatenate([sizes[rows] * rng.uniform(0.8, 1.2, (len(rows), 3)), np.full((extra, 3), 2.0)]),
-            np.concatenate([yaws[rows] + rng.normal(0, 0.3, len(rows)), np.zeros(extra)]),
-            np.round(rng.random(len(rows) + extra) * score_steps) / score_steps,
-            np.concatenate([ids[rows], rng.integers(0, 2, extra)]),
+        moved = centers[rows] + rng.normal(0, 0.3, (len(rows), 3)), sizes[rows] * rng.uniform(0.8, 1.2, (len(rows), 3))
+        near = np.c_[moved[0], moved[1], yaws[rows] + rng.normal(0, 0.3, len(rows))]
+        false = np.c_[rng.uniform(-6, 6, (extra, 3)), np.full((extra, 3), 2.0), np.zeros(extra)]
+        found = source_boxes(
+            np.r_[near, false],
+            scores=np.round(rng.random(len(rows) + extra) * score_steps) / score_steps,
+            class_ids=np.concatenate([ids[rows], rng.integers(0, 2, extra)]),
         )
         frames.append(EvaluationFrame(index, index, truth, {"lidar": found}))
     return frames

@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from evaluation_scenes import evaluated, image, truth2d
+from evaluation_frames import evaluated, image, truth2d
 
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, EvaluationFrame, ImageBoxes
@@ -34,7 +34,7 @@ def test_half_an_overlap_is_right(right_px: float, is_right: int) -> None:
     assert tree["ap_2d_r40_50"] == is_right
 
 
-@pytest.mark.parametrize("columns", [{"is_ignored": [True]}, {"image_pixels": [0]}, {"class_ids": [UNKNOWN]}])
+@pytest.mark.parametrize("columns", [{"is_ignored": True}, {"image_pixels": 0}, {"class_ids": [UNKNOWN]}])
 def test_what_is_ignored_is_neither_missed_nor_an_error(columns: dict[str, Any]) -> None:
     shown = truth2d(BOX, columns.pop("class_ids", [CAR]), **columns)
     both = [*moved(5), *moved(-5)]
@@ -45,12 +45,12 @@ def test_what_is_ignored_is_neither_missed_nor_an_error(columns: dict[str, Any])
 
 @pytest.mark.parametrize("pixels", [1, UNKNOWN])
 def test_enough_pixels_or_no_count_of_them(pixels: int) -> None:
-    tree = figures(image([], [], [], truth2d(BOX, [CAR], image_pixels=[pixels])))["car"]
+    tree = figures(image([], [], [], truth2d(BOX, [CAR], image_pixels=pixels)))["car"]
     assert counts(tree) == {"truth": 1, "missed": 1}
 
 
 def test_a_region_that_nobody_labelled_holds_many() -> None:
-    region = truth2d([0, 0, 1000, 1000], [UNKNOWN], is_ignored=[True])
+    region = truth2d([0, 0, 1000, 1000], [UNKNOWN], is_ignored=True)
     tree = figures(image([*BOX, *moved(300), *moved(960)], [0.9, 0.8, 0.7], [CAR, CAR, CAR], region))["car"]
     assert counts(tree) == {"found": 3, "ignored": 2, "false": 1}  # the last one reaches out of it
 

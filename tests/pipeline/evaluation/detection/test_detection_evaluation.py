@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from evaluation_scenes import boxes3d, evaluated, truth3d
+from evaluation_frames import evaluated, source_boxes, truth_boxes
 
 from lidcam.pipeline.core.rig import Zone
 from lidcam.pipeline.core.settings.classes import ClassPrior
@@ -27,20 +27,12 @@ def config(**settings: Any) -> Config:
 
 
 def truth(*xy: tuple[float, float], **columns: Any) -> TruthBoxes3D:
-    centers = [(x, y, 1.0) for x, y in xy]
-    ids = columns.pop("class_ids", np.zeros(len(xy)))
-    return truth3d(centers, np.full((len(xy), 3), SIZE_M), np.zeros(len(xy)), ids, **columns)
+    return truth_boxes([(x, y, 1.0, *SIZE_M, 0.0) for x, y in xy], **columns)
 
 
-def found(*xys: tuple[float, float, float], class_ids: Any = None, yaws: Any = None) -> SourceBoxes:
-    n = len(xys)
-    return boxes3d(
-        [(x, y, 1.0) for x, y, _ in xys],
-        np.full((n, 3), SIZE_M),
-        np.zeros(n) if yaws is None else yaws,
-        [score for _, _, score in xys],
-        np.zeros(n) if class_ids is None else class_ids,
-    )
+def found(*xys: tuple[float, float, float], class_ids: Any = None) -> SourceBoxes:
+    rows, scores = [(x, y, 1.0, *SIZE_M, 0.0) for x, y, _ in xys], [score for *_, score in xys]
+    return source_boxes(rows, scores=scores, class_ids=class_ids)
 
 
 def figures(true: TruthBoxes3D | None, boxes: SourceBoxes, settings: Config | None = None, zones: Any = ()) -> Any:
@@ -120,8 +112,8 @@ def test_the_wrong_class_is_a_miss_and_a_false_detection() -> None:
 
 def test_errors_of_a_turned_object() -> None:
     # it looks to +y and is found 0.3 m ahead, 0.1 m to its left, 0.2 m too high, longer, and turned by 170 degrees
-    true = truth3d([[10, 0, 1]], [[4, 2, 1.5]], [np.pi / 2], [CAR])
-    boxes = boxes3d([[9.9, 0.3, 1.2]], [[4.4, 1.9, 1.5]], [np.pi / 2 + np.radians(170)], [0.9], [CAR])
+    true = truth_boxes([10, 0, 1, 4, 2, 1.5, np.pi / 2])
+    boxes = source_boxes([9.9, 0.3, 1.2, 4.4, 1.9, 1.5, np.pi / 2 + np.radians(170)])
     errors = figures(true, boxes)["car"]["errors"]
     biases = {"along_m": 0.3, "across_m": 0.1, "z_m": 0.2, "length_m": 0.4, "width_m": -0.1, "height_m": 0.0}
     for name, bias in biases.items():

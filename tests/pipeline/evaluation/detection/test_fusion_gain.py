@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from evaluation_scenes import boxes3d, evaluated, truth3d
+from evaluation_frames import evaluated, rows_at, source_boxes, truth_boxes
 
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.config import Config
@@ -13,7 +13,8 @@ from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
 from lidcam.pipeline.evaluation.detection.resampling import Resampling
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
 
-CLASSES = tuple(ClassPrior(name=name, size_m=(4.0, 2.0, 1.5), max_size_m=(9.0, 9.0, 9.0)) for name in ("car", "bus"))
+SIZE_M = (4.0, 2.0, 1.5)
+CLASSES = tuple(ClassPrior(name=name, size_m=SIZE_M, max_size_m=(9.0, 9.0, 9.0)) for name in ("car", "bus"))
 CONFIG = Config(classes=CLASSES, evaluate=EvaluateConfig(iou=(0.5,)))
 FIGURES = ("ap_bev_r40_50", "ap_3d_r40_50", "precision", "recall", "f1", "errors.position_bev_m.mean")
 SOURCES = ("fused", "lidar")
@@ -35,17 +36,16 @@ def drive(frames: int, noise_m: dict[str, float], seed: int = 0) -> list[Evaluat
         sources = {}
         for name, noise in noise_m.items():
             rows, false = np.flatnonzero(rng.random(n) < 0.85), int(rng.integers(0, 3))
-            sources[name] = boxes3d(
-                np.concatenate(
-                    [centers[rows] + rng.normal(0, noise, (len(rows), 3)), rng.uniform(-30, 30, (false, 3))]
-                ),
-                np.full((len(rows) + false, 3), (4.0, 2.0, 1.5)),
-                np.concatenate([yaws[rows] + rng.normal(0, 0.1, len(rows)), np.zeros(false)]),
+            places = np.r_[centers[rows] + rng.normal(0, noise, (len(rows), 3)), rng.uniform(-30, 30, (false, 3))]
+            sizes = np.full((len(places), 3), SIZE_M)
+            turned = np.r_[yaws[rows] + rng.normal(0, 0.1, len(rows)), np.zeros(false)]
+            sources[name] = source_boxes(
+                np.c_[places, sizes, turned],
                 # all different, or the order of repeated frames would matter by distance
-                (np.concatenate([rng.beta(5, 2, len(rows)), rng.beta(2, 4, false)]) + 1) / 2,
-                np.concatenate([ids[rows], rng.integers(0, 2, false)]),
+                scores=(np.r_[rng.beta(5, 2, len(rows)), rng.beta(2, 4, false)] + 1) / 2,
+                class_ids=np.r_[ids[rows], rng.integers(0, 2, false)],
             )
-        truth = truth3d(centers, np.full((n, 3), (4.0, 2.0, 1.5)), yaws, ids)
+        truth = truth_boxes(np.c_[centers, np.full((n, 3), SIZE_M), yaws], class_ids=ids)
         made.append(EvaluationFrame(index, index * PERIOD_NS, truth, sources))
     return made
 
@@ -115,20 +115,13 @@ def test_nothing_to_compare() -> None:
     assert evaluated([], CONFIG)["fusion_gain"] == {}
 
 
-PLACES_M = np.array([[0.0, 0, 0], [20.0, 0, 0], [40.0, 0, 0]])
-
-
 def gain_of(lidar_m: list[float | None], fused_m: list[float | None], *, frames: int = 1) -> Any:
-    """Of cars at `PLACES_M`, each found so far off, or not at all."""
+    """Of cars 20 m from each other, each found so far off, or not at all."""
 
     def found(off_m: list[float | None]) -> Any:
-        rows = [row for row, one in enumerate(off_m) if one is not None]
-        shift = np.array([[0.0, off_m[row] or 0.0, 0.0] for row in rows]).reshape(-1, 3)
-        n = len(rows)
-        sizes = np.full((n, 3), (4.0, 2.0, 1.5))
-        return boxes3d(PLACES_M[rows] + shift, sizes, np.zeros(n), np.full(n, 0.9), np.zeros(n, np.int64))
+        return source_boxes(rows_at([(20.0 * row, one) for row, one in enumerate(off_m) if one is not None]))
 
-    truth = truth3d(PLACES_M, np.full((3, 3), (4.0, 2.0, 1.5)), np.zeros(3), np.zeros(3, np.int64))
+    truth = truth_boxes(rows_at([(0, 0), (20, 0), (40, 0)]))
     sources = {"lidar": found(lidar_m), "fused": found(fused_m)}
     made = [EvaluationFrame(index, index * 10**9, truth, sources) for index in range(frames)]
     return evaluated(made, CONFIG)["fusion_gain"]

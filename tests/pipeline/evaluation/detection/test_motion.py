@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from evaluation_frames import frame_of, source_boxes, truth_boxes
-from evaluation_scenes import evaluated
+from evaluation_frames import evaluated, frame_of, source_boxes, truth_boxes
 from scipy.stats import multivariate_normal
 
 from lidcam.pipeline.core.arrays import F64

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from evaluation_scenes import boxes3d, evaluated, truth3d
+from evaluation_frames import evaluated, source_boxes, truth_boxes
 
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.config import Config
@@ -25,20 +25,22 @@ SIZE_M = (4.0, 2.0, 1.5)  # so that nothing is scaled
 CONFIG = Config(classes=tuple(ClassPrior(name=name, size_m=SIZE_M, max_size_m=SIZE_M) for name in RANGES_M))
 
 
-def columns(rows: list[Any], frame: int) -> list[Any]:
+def columns(rows: list[Any], frame: int) -> tuple[Any, Any, list[int]]:
     """What the devkit takes away before it matches, what is too far and what no lidar hits, is not among them."""
     kept = [row for row in rows if row[0] == frame and np.hypot(row[2], row[3]) < RANGES_M.get(row[1], 0) and row[-1]]
     numbers = np.array([row[2:] for row in kept], np.float64).reshape(-1, 8)
-    return [numbers[:, :3], numbers[:, 3:6], numbers[:, 6], numbers[:, 7], [[*RANGES_M].index(row[1]) for row in kept]]
+    return numbers[:, :7], numbers[:, 7], [[*RANGES_M].index(row[1]) for row in kept]
 
 
 @pytest.mark.parametrize("name", RECORDED["cases"])
 def test_equal_to_the_devkit(name: str) -> None:
     case, frames, compared = RECORDED["cases"][name], [], 0
     for frame in range(case["frames"]):
-        centers, sizes, yaws, points, ids = columns(case["truth"], frame)
-        truth = truth3d(centers, sizes, yaws, ids, lidar_points=points)
-        frames.append(EvaluationFrame(frame, frame, truth, {"lidar": boxes3d(*columns(case["found"], frame))}))
+        rows, points, ids = columns(case["truth"], frame)
+        truth = truth_boxes(rows, class_ids=ids, lidar_points=points)
+        rows, scores, ids = columns(case["found"], frame)
+        found = source_boxes(rows, scores=scores, class_ids=ids)
+        frames.append(EvaluationFrame(frame, frame, truth, {"lidar": found}))
     figures = evaluated(frames, CONFIG)["sources"]["lidar"]
     for class_name in RANGES_M:
         if not figures[class_name]["truth"]:
