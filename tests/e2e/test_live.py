@@ -3,6 +3,7 @@
 import socket
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from command import called
@@ -16,6 +17,7 @@ from lidcam.pipeline.core.frame import FrameResult
 from lidcam.writers.live import server
 
 SANDBOX = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
+USUAL: Any = {"config": "sandbox", "settings": [CLUSTERS], "workers": 1}
 
 
 @pytest.fixture
@@ -39,16 +41,7 @@ def test_foxglove_gets_what_the_file_gets(tmp_path: Path, port: int) -> None:
             clients.append(FoxgloveClient(port))
             assert clients[0].subscribed.wait(60)
 
-    lidcam.process(
-        SANDBOX,
-        tmp_path / "out.mcap",
-        config="sandbox",
-        settings=[CLUSTERS],
-        duration_s=0.6,
-        workers=1,
-        foxglove=port,
-        on_frame=on_frame,
-    )
+    lidcam.process(SANDBOX, tmp_path / "out.mcap", duration_s=0.6, foxglove=port, on_frame=on_frame, **USUAL)
     (client,) = clients
     client.join()
     expected: dict[str, list[tuple[int, bytes]]] = {}
@@ -117,15 +110,11 @@ def test_a_run_keeps_the_pace_of_its_recording(monkeypatch: pytest.MonkeyPatch) 
         now_s += seconds
 
     monkeypatch.setattr("lidcam.outputs.writers.time", SimpleNamespace(monotonic=lambda: now_s, sleep=sleep))
-    lidcam.process(
-        SANDBOX,
-        config="sandbox",
-        settings=[CLUSTERS],
-        duration_s=0.5,
-        workers=1,
-        pace=0.5,
-        on_frame=lambda frame: seen.append((now_s, frame.bundle.stamp_ns / 1e9)),
-    )
+
+    def see(frame: FrameResult) -> None:
+        seen.append((now_s, frame.bundle.stamp_ns / 1e9))
+
+    lidcam.process(SANDBOX, duration_s=0.5, pace=0.5, on_frame=see, **USUAL)
     (first_s, first_stamp_s), *later = seen
     assert first_s == 100.0
     assert len(later) > 2

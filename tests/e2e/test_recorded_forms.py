@@ -1,4 +1,4 @@
-"""The same objects from a recording in every form; an Ouster's packets in every container."""
+"""The same objects from a predecessor's recording; an Ouster's packets in every container."""
 
 import json
 from pathlib import Path
@@ -7,7 +7,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-import zstandard
 from builders import image, in_order, raw, write_mcap, write_rosbag1
 from captures import fragments, ip_packet, pcap
 from combined_messages import CAMERAS, CLOUDS, combined
@@ -16,36 +15,12 @@ from helpers import CLUSTERS
 from ouster_packets import START_NS, TURN_NS, drive, frame, metadata, needs_sdk, packets
 from results import fused_objects, messages_of, topics_of
 
-from lidcam.pipeline.core.arrays import Array
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.messages.deserialize import deserialize
-from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 
 pytestmark = pytest.mark.slow
 
 Sensors = dict[str, list[RawMessage]]
-
-
-def in_form(form: str, message: RawMessage) -> RawMessage:
-    """The cloud of a message in another form."""
-    cloud: Any = deserialize(message)
-    if form == "PointCloud":
-        points = decode_pointcloud2(message)
-        numbers: dict[str, Array] = {
-            "intensity": points.intensity,
-            "ring": points.ring,
-            "time": points.time_offset_ns / 1e9,
-        }
-        channels = [{"name": name, "values": values.astype(np.float32)} for name, values in numbers.items()]
-        xyz = [dict(zip("xyz", point, strict=True)) for point in points.xyz.tolist()]
-        msgtype, fields = "sensor_msgs/msg/PointCloud", {"header": cloud.header, "points": xyz, "channels": channels}
-    else:
-        names = ("header", "height", "width", "fields", "is_bigendian", "point_step", "row_step", "is_dense")
-        data = cloud.data.tobytes()
-        packed = np.frombuffer(zstandard.compress(data), np.uint8)
-        msgtype = "point_cloud_interfaces/msg/CompressedPointCloud2"
-        fields = {**{name: getattr(cloud, name) for name in names}, "format": form, "compressed_data": packed}
-    return raw(message.topic, msgtype, fields, message.stamp_ns, message.log_time_ns, message.channel.encoding)  # type: ignore[arg-type]
 
 
 def decompressed(message: RawMessage) -> RawMessage:
@@ -68,20 +43,14 @@ def in_lists(messages: Sensors) -> list[RawMessage]:
     return in_order(made)
 
 
-@pytest.mark.parametrize("form", ["PointCloud", "zstd", "lists"])
-def test_objects_are_the_same_from_every_form(
-    form: str, first_messages: Sensors, first_result: Path, lidcam: Lidcam, tmp_path: Path
+def test_objects_are_the_same_from_combined_messages(
+    first_messages: Sensors, first_result: Path, lidcam: Lidcam, tmp_path: Path
 ) -> None:
-    changed = {
-        topic: [in_form(form, one) if one.channel.msgtype == "sensor_msgs/msg/PointCloud2" else one for one in messages]
-        for topic, messages in first_messages.items()
-        if form != "lists"
-    }
-    write_rosbag1(tmp_path / "in.bag", in_order(*changed.values()) if changed else in_lists(first_messages), "lz4")
+    write_rosbag1(tmp_path / "in.bag", in_lists(first_messages), "lz4")
     run = lidcam("process", tmp_path / "in.bag", tmp_path / "out.mcap", "--config", "sandbox", "--set", CLUSTERS)
     assert run.code == 0, run.err
     assert fused_objects(tmp_path / "out.mcap") == fused_objects(first_result)
-    assert form != "lists" or topics_of(tmp_path / "out.mcap")["/cam1/image"][0] == "sensor_msgs/msg/Image"
+    assert topics_of(tmp_path / "out.mcap")["/cam1/image"][0] == "sensor_msgs/msg/Image"
 
 
 @needs_sdk

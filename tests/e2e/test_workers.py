@@ -40,19 +40,8 @@ def run(sandbox: Path, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     It goes on once its standard input is closed: `communicate` does that.
     """
     out = tmp_path / "out.mcap"
-    arguments = [
-        "process",
-        sandbox,
-        out,
-        "--rerun",
-        out.with_suffix(".rrd"),
-        "--workers",
-        "2",
-        "--set",
-        "track.mode=none",
-        "--set",
-        CLUSTERS,
-    ]
+    settings = ("--workers", "2", "--set", "track.mode=none", "--set", CLUSTERS)
+    arguments = ["process", sandbox, out, "--rerun", out.with_suffix(".rrd"), *settings]
     command = [sys.executable, "-P", "-c", HELD, *map(str, arguments)]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stderr=pipe, text=True, start_new_session=True) as process:

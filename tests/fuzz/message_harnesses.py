@@ -108,21 +108,7 @@ def _of_messages(msgtype: str, decode: Callable[[RawMessage], Any], fields: Call
     return Harness(run, seeds)
 
 
-CLOUD, OLD_CLOUD, COMPRESSED_CLOUD, LIVOX, IMAGE, COMPRESSED, INFO, TF, ODOMETRY, BOXES, OBJECTS, STATUS, SCAN = (
-    "sensor_msgs/msg/PointCloud2",
-    "sensor_msgs/msg/PointCloud",
-    "point_cloud_interfaces/msg/CompressedPointCloud2",
-    "livox_ros_driver/msg/CustomMsg",
-    "sensor_msgs/msg/Image",
-    "sensor_msgs/msg/CompressedImage",
-    "sensor_msgs/msg/CameraInfo",
-    "tf2_msgs/msg/TFMessage",
-    "nav_msgs/msg/Odometry",
-    "vision_msgs/msg/Detection2DArray",
-    "vision_msgs/msg/Detection3DArray",
-    "diagnostic_msgs/msg/DiagnosticArray",
-    "velodyne_msgs/msg/VelodyneScan",
-)
+OBJECTS = "vision_msgs/msg/Detection3DArray"
 
 
 def _clouds() -> list[Fields]:
@@ -356,26 +342,40 @@ def _track_seeds() -> list[bytes]:
 
 
 MESSAGES: dict[str, Harness] = {
-    "pointcloud2": _of_messages(CLOUD, partial(decode_pointcloud2, limits=LIMITS), _clouds),
-    "pointcloud": _of_messages(OLD_CLOUD, partial(decode_pointcloud, limits=LIMITS), lambda: [_old_cloud()]),
-    "compressed_cloud": _of_messages(
-        COMPRESSED_CLOUD, partial(decode_compressed_cloud, limits=LIMITS), _compressed_clouds
+    "pointcloud2": _of_messages("sensor_msgs/msg/PointCloud2", partial(decode_pointcloud2, limits=LIMITS), _clouds),
+    "pointcloud": _of_messages(
+        "sensor_msgs/msg/PointCloud", partial(decode_pointcloud, limits=LIMITS), lambda: [_old_cloud()]
     ),
-    "livox": _of_messages(LIVOX, partial(decode_livox, limits=LIMITS), lambda: [_livox(0), _livox(3)]),
-    "image": _of_messages(IMAGE, partial(decode_any_image, limits=LIMITS), images),
-    "compressed_image": _of_messages(COMPRESSED, partial(decode_any_image, limits=LIMITS), _compressed),
-    "camera_info": _of_messages(INFO, _decode_info, lambda: [info()]),
-    "tf": _of_messages(TF, _decode_tf, lambda: [_tree(*EDGES), _tree(*EDGES, ("c", "a"))]),
-    "odometry": _of_messages(ODOMETRY, decode_odometry, lambda: [odometry(stamp_ns=T0)]),
-    "to_ros2": _of_messages(ODOMETRY, to_ros2, lambda: [odometry(stamp_ns=T0)]),
+    "compressed_cloud": _of_messages(
+        "point_cloud_interfaces/msg/CompressedPointCloud2",
+        partial(decode_compressed_cloud, limits=LIMITS),
+        _compressed_clouds,
+    ),
+    "livox": _of_messages(
+        "livox_ros_driver/msg/CustomMsg", partial(decode_livox, limits=LIMITS), lambda: [_livox(0), _livox(3)]
+    ),
+    "image": _of_messages("sensor_msgs/msg/Image", partial(decode_any_image, limits=LIMITS), images),
+    "compressed_image": _of_messages(
+        "sensor_msgs/msg/CompressedImage", partial(decode_any_image, limits=LIMITS), _compressed
+    ),
+    "camera_info": _of_messages("sensor_msgs/msg/CameraInfo", _decode_info, lambda: [info()]),
+    "tf": _of_messages("tf2_msgs/msg/TFMessage", _decode_tf, lambda: [_tree(*EDGES), _tree(*EDGES, ("c", "a"))]),
+    "odometry": _of_messages("nav_msgs/msg/Odometry", decode_odometry, lambda: [odometry(stamp_ns=T0)]),
+    "to_ros2": _of_messages("nav_msgs/msg/Odometry", to_ros2, lambda: [odometry(stamp_ns=T0)]),
     "detections2d": _of_messages(
-        BOXES, lambda m: decode_detections2d(m, {"car": 0}, class_names=["car"]), lambda: [_boxes()]
+        "vision_msgs/msg/Detection2DArray",
+        lambda m: decode_detections2d(m, {"car": 0}, class_names=["car"]),
+        lambda: [_boxes()],
     ),
     "detections3d": Harness(_objects, _object_seeds),
     "detected_objects": Harness(_detected_objects, _detected_seeds),
-    "diagnostics": _of_messages(STATUS, partial(decode_diagnostics, limits=LIMITS), lambda: [_status()]),
+    "diagnostics": _of_messages(
+        "diagnostic_msgs/msg/DiagnosticArray", partial(decode_diagnostics, limits=LIMITS), lambda: [_status()]
+    ),
     "tracks": Harness(_tracks, _track_seeds),
-    "velodyne_scan": _of_messages(SCAN, lambda m: VelodyneDecoders(Config().velodyne)[m.topic](m), _scans),
+    "velodyne_scan": _of_messages(
+        "velodyne_msgs/msg/VelodyneScan", lambda m: VelodyneDecoders(Config().velodyne)[m.topic](m), _scans
+    ),
     "video": Harness(_video, _video_seeds),
     "definition": Harness(_definition, _definition_seeds),
 }

@@ -37,52 +37,29 @@ MODEL:
   NAME: PointPillar
   VFE: {NAME: PillarVFE, WITH_DISTANCE: false, USE_ABSLOTE_XYZ: true, USE_NORM: true, NUM_FILTERS: [8, 8]}
   MAP_TO_BEV: {NAME: PointPillarScatter, NUM_BEV_FEATURES: 8}
-  BACKBONE_2D:
-    NAME: BaseBEVBackbone
-    LAYER_NUMS: [1, 2]
-    LAYER_STRIDES: [2, 2]
-    NUM_FILTERS: [8, 12]
-    UPSAMPLE_STRIDES: [1, 2]
-    NUM_UPSAMPLE_FILTERS: [4, 6]
-  DENSE_HEAD:
-    NAME: AnchorHeadSingle
-    CLASS_AGNOSTIC: false
-    USE_DIRECTION_CLASSIFIER: true
-    DIR_OFFSET: 0.78539
-    DIR_LIMIT_OFFSET: 0.0
-    NUM_DIR_BINS: 2
-    TARGET_ASSIGNER_CONFIG: {BOX_CODER: ResidualCoder}
+  BACKBONE_2D: {NAME: BaseBEVBackbone, LAYER_NUMS: [1, 2], LAYER_STRIDES: [2, 2], NUM_FILTERS: [8, 12],
+    UPSAMPLE_STRIDES: [1, 2], NUM_UPSAMPLE_FILTERS: [4, 6]}
+  DENSE_HEAD: {NAME: AnchorHeadSingle, CLASS_AGNOSTIC: false, USE_DIRECTION_CLASSIFIER: true, DIR_OFFSET: 0.78539,
+    DIR_LIMIT_OFFSET: 0.0, NUM_DIR_BINS: 2, TARGET_ASSIGNER_CONFIG: {BOX_CODER: ResidualCoder}}
 """)
 OPENPCDET["MODEL"]["DENSE_HEAD"]["ANCHOR_GENERATOR_CONFIG"] = [
-    {
-        "class_name": name,
-        "anchor_sizes": [size],
-        "anchor_rotations": [0, 1.57],
-        "anchor_bottom_heights": [bottom],
-        "align_center": False,
-        "feature_map_stride": 2,
-    }
+    {"class_name": name, "anchor_sizes": [size], "anchor_bottom_heights": [bottom], "anchor_rotations": [0, 1.57]}
+    | {"align_center": False, "feature_map_stride": 2}
     for name, size, bottom in zip(CLASSES, SIZES, BOTTOMS, strict=True)
 ]
 OPENPCDET_CENTERS = deepcopy(OPENPCDET) | {"CLASS_NAMES": ["car", "pedestrian", "bus"]}
-OPENPCDET_CENTERS["MODEL"] |= {
-    "NAME": "CenterPoint",
-    "DENSE_HEAD": {
-        "NAME": "CenterHead",
-        "CLASS_AGNOSTIC": False,
-        "CLASS_NAMES_EACH_HEAD": TASKS,
-        "SHARED_CONV_CHANNEL": 8,
-        "USE_BIAS_BEFORE_NORM": True,
-        "NUM_HM_CONV": 2,
-        "SEPARATE_HEAD_CFG": {
-            "HEAD_DICT": {
-                name: {"out_channels": count, "num_conv": 2}
-                for name, count in zip(("center", "center_z", "dim", "rot", "vel"), (*BRANCHES, 2), strict=True)
-            }
-        },
-        "TARGET_ASSIGNER_CONFIG": {"FEATURE_MAP_STRIDE": 2},
-        "POST_PROCESSING": {"SCORE_THRESH": 0.1},
-    },
+OPENPCDET_CENTERS["MODEL"] |= yaml.safe_load("""
+NAME: CenterPoint
+DENSE_HEAD:
+  {NAME: CenterHead, CLASS_AGNOSTIC: false, CLASS_NAMES_EACH_HEAD: [[car], [pedestrian, bus]], SHARED_CONV_CHANNEL: 8,
+    USE_BIAS_BEFORE_NORM: true, NUM_HM_CONV: 2, TARGET_ASSIGNER_CONFIG: {FEATURE_MAP_STRIDE: 2},
+    POST_PROCESSING: {SCORE_THRESH: 0.1}}
+""")
+OPENPCDET_CENTERS["MODEL"]["DENSE_HEAD"]["SEPARATE_HEAD_CFG"] = {
+    "HEAD_DICT": {
+        name: {"out_channels": count, "num_conv": 2}
+        for name, count in zip(("center", "center_z", "dim", "rot", "vel"), (*BRANCHES, 2), strict=True)
+    }
 }
 MMDET3D: dict[str, Any] = yaml.safe_load("""
 dataset_type: KittiDataset

@@ -15,20 +15,8 @@ PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 EXTRAS = ("foxglove", "video", "draco", "notebook", "http", "s3", "ray", "sim", "train", "test", "dev")
 LINUX = {"sys_platform": "linux", "os_name": "posix", "platform_system": "Linux"}
 
-TITLES = {
-    "": "lidcam",
-    "foxglove": "Extra `foxglove`",
-    "video": "Extra `video`",
-    "draco": "Extra `draco`",
-    "notebook": "Extra `notebook`",
-    "http": "Extra `http`",
-    "s3": "Extra `s3`",
-    "ray": "Extra `ray`",
-    "sim": "Extra `sim`",
-    "train": "Extra `train`",
-    "test": "Tools of `make quick`",
-    "dev": "Tools of the other tests",
-}
+TITLES = {"": "lidcam"} | {extra: f"Extra `{extra}`" for extra in EXTRAS}
+TITLES |= {"test": "Tools of `make quick`", "dev": "Tools of the other tests"}
 
 UNSAID = {"atheris": "Apache-2.0", "mcap": "MIT", "python-dateutil": "Apache-2.0 OR BSD-3-Clause"}
 """Licences that the files of a package state and its metadata do not."""

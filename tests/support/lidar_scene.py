@@ -1,8 +1,9 @@
 """A lidar over flat ground that sees boxes, in plain numpy: point clouds whose truth is known."""
 
 import numpy as np
+import numpy.typing as npt
 
-from lidcam.pipeline.core.arrays import F32, F64
+from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud, Relief
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import LidarSensor, Rig
@@ -63,12 +64,14 @@ def combined(*clouds: F64, plane: Plane | None = None, relief: Relief | None = N
         [np.zeros((0, 3), np.float32), *(np.asarray(cloud, np.float32).reshape(-1, 3) for cloud in clouds)]
     )
     lidar = np.repeat(np.arange(len(clouds), dtype=np.uint8), np.array([len(cloud) for cloud in clouds], int))
-    nothing = _cloud(np.zeros((0, 3), np.float32))
-    return CombinedCloud(_cloud(xyz), _cloud(xyz), lidar, nothing, plane, {}, relief=relief)
+    nothing = point_cloud(np.zeros((0, 3)))
+    return CombinedCloud(point_cloud(xyz), point_cloud(xyz), lidar, nothing, plane, {}, relief=relief)
 
 
-def _cloud(xyz: F32) -> PointCloud:
-    n = len(xyz)
+def point_cloud(xyz: npt.ArrayLike, frame_id: str = "site", *, stamp_ns: int = 7) -> PointCloud:
+    """A cloud of points (N, 3) without intensities, rings and times."""
+    points = np.array(xyz, np.float32)
+    n = len(points)
     return PointCloud(
-        7, "site", xyz, np.zeros(n, np.float32), np.zeros(n, np.uint16), np.zeros(n, np.int32), has_time=False
+        stamp_ns, frame_id, points, np.zeros(n, np.float32), np.zeros(n, np.uint16), np.zeros(n, np.int32)
     )

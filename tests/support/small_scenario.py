@@ -6,45 +6,19 @@ from typing import Any
 
 import yaml
 
-SMALL: dict[str, Any] = {
-    "world": "sandbox",
-    "routes": {"along": {"points_m": [[-1.6, 1.85], [1.6, 1.85]]}},
-    "vehicles": {
-        "car1": {"shape": "model_car", "start": [-1.5, 1.35, 0], "odometry": True, "commands": True},
-        "car2": {
-            "shape": "model_car",
-            "route": "along",
-            "speed_m_s": 0.5,
-            "start": [-1.5, 1.85, 0],
-            "odometry": True,
-            "commands": True,
-        },
-    },
-    "lidars": {
-        "top": {
-            "topic": "/points",
-            "packets_topic": "/packets",
-            "frame_id": "top",
-            "position_m": [0.0, 0.3, 0.4],
-            "firing_stride": 4,
-            "max_range_m": 50.0,
-        }
-    },
-    "cameras": {
-        "front": {
-            "topic": "/image",
-            "info_topic": "/info",
-            "frame_id": "front",
-            "position_m": [-1.9, 0.6, 0.5],
-            "rpy_deg": [0, 15, 30],
-            "width_px": 160,
-            "height_px": 120,
-            "focal_px": [120, 120],
-            "phase_ms": 10,
-            "detector": {"topic": "/boxes"},
-        }
-    },
-}
+SMALL: dict[str, Any] = yaml.safe_load("""
+world: sandbox
+routes: {along: {points_m: [[-1.6, 1.85], [1.6, 1.85]]}}
+vehicles:
+  car1: {shape: model_car, start: [-1.5, 1.35, 0], odometry: true, commands: true}
+  car2: {shape: model_car, route: along, speed_m_s: 0.5, start: [-1.5, 1.85, 0], odometry: true, commands: true}
+lidars:
+  top: {topic: /points, packets_topic: /packets, frame_id: top, position_m: [0.0, 0.3, 0.4], firing_stride: 4,
+    max_range_m: 50.0}
+cameras:
+  front: {topic: /image, info_topic: /info, frame_id: front, position_m: [-1.9, 0.6, 0.5], rpy_deg: [0, 15, 30],
+    width_px: 160, height_px: 120, focal_px: [120, 120], phase_ms: 10, detector: {topic: /boxes}}
+""")
 
 
 def small_scenario(**changes: Any) -> dict[str, Any]:

@@ -7,9 +7,10 @@ from detections import LOOK_FORWARD, boxes3d, forward_camera
 from frames import frame
 from hypothesis import given
 from hypothesis import strategies as st
+from lidar_scene import combined
 
 from lidcam.pipeline.core.arrays import F64
-from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
+from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Fused
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.transform import Transform
@@ -36,11 +37,7 @@ def rig(*cameras: CameraSensor, lidars: tuple[LidarSensor, ...] = (lidar(0, 0),)
 
 
 def cloud(xy: Any) -> CombinedCloud:
-    n = len(xy)
-    xyz = np.concatenate([np.asarray(xy, np.float32).reshape(-1, 2), np.zeros((n, 1), np.float32)], 1)
-    zeros = np.zeros(n, np.float32), np.zeros(n, np.uint16), np.zeros(n, np.int32)
-    points = PointCloud(1, "site", xyz, *zeros)
-    return CombinedCloud(points, points, np.zeros(n, np.uint8), points.select(np.zeros(0, np.intp)), None, {})
+    return combined(np.column_stack([np.reshape(xy, (-1, 2)), np.zeros(len(xy))]))
 
 
 def seen(places: Any, *, points: Any = (), score: float = 0.9) -> FrameResult:

@@ -9,8 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from lidcam.pipeline.parallel.pool import process_pool
-
 PROGRAM = """
 import os, time
 from lidcam.pipeline.parallel.pool import process_pool
@@ -20,11 +18,6 @@ if __name__ == "__main__":
         print(pool.submit(os.getpid).result(), flush=True)
         time.sleep(600)
 """
-
-
-def test_work_is_done_in_order() -> None:
-    with process_pool(2) as pool:
-        assert list(pool.map(abs, [-1, 2, -3])) == [1, 2, 3]
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])

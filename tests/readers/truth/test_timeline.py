@@ -1,12 +1,14 @@
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from evaluation_frames import truth_boxes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
-from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
 from lidcam.readers.truth.moment import Moment
 from lidcam.readers.truth.timeline import MAX_EXTRAPOLATION_PERIODS, PROBED_GAPS, Timeline
 
@@ -26,19 +28,11 @@ def moment(
     """Objects that drive along x from 0 at stamp 0, object k at y = k."""
     n = len(ids)
     xs = np.full(n, SPEED_M_S * stamp_ns * 1e-9) if x is None else np.array(x, np.float64)
-    boxes = TruthBoxes3D(
-        stamp_ns,
-        frame_id,
-        np.stack([xs, np.array(ids, np.float64), np.ones(n)], -1),
-        np.tile([4.0, 2.0, 1.5], (n, 1)),
-        np.zeros(n) if yaws is None else np.array(yaws, np.float64),
-        np.zeros(n, np.int32),
-        np.full(n, "car"),
-        np.array(ids, np.int64),
-        np.full(n, stamp_ns // PERIOD_NS, np.int32),
-        np.full(n, 5, np.int32),
-        np.zeros(n, np.bool_),
-    )
+    turns = np.zeros(n) if yaws is None else np.array(yaws, np.float64)
+    rows = np.column_stack([xs, ids, np.tile([1.0, 4.0, 2.0, 1.5], (n, 1)), turns])
+    points = [stamp_ns // PERIOD_NS] * n
+    boxes = truth_boxes(rows, ids, labels=["car"] * n, lidar_points=points, image_pixels=[5] * n)
+    boxes = replace(boxes, stamp_ns=stamp_ns, frame_id=frame_id)
     return Moment(boxes, {} if pixels is None else {"front": np.array(pixels, np.int32)})
 
 

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from frames import CONFIG, PROVENANCE, RIG, START_NS, frame, tracks_of
+from lidar_scene import combined, point_cloud
 
-from lidcam.pipeline.core.arrays import F32
-from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
 from lidcam.pipeline.core.detections import Source
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.frame import FrameResult, Missing
@@ -64,12 +63,6 @@ def rerun(home: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str
 def printed(home: Path, detail: str = "-v") -> str:
     """Rerun's own list of what `out.rrd` in a folder holds."""
     return rerun(home, "rrd", "print", detail, home / "out.rrd").stdout
-
-
-def cloud_of(xyz: F32) -> PointCloud:
-    """A cloud without intensities, rings and times."""
-    n = len(xyz)
-    return PointCloud(START_NS, "site", xyz, np.zeros(n, np.float32), np.zeros(n, np.uint16), np.zeros(n, np.int32))
 
 
 def entities(text: str) -> set[str]:
@@ -194,8 +187,7 @@ def test_zones_have_their_counts(tmp_path: Path) -> None:
 def test_large_clouds_are_thinned_evenly() -> None:
     n = 2 * MAX_POINTS
     xyz = np.random.default_rng(0).normal(0, 10, (n, 3)).astype(np.float32)
-    combined = replace(frame().combined, cloud=cloud_of(xyz))
-    shown = cloud_points(combined, (0.0, 1.0)).positions
+    shown = cloud_points(replace(frame().combined, cloud=point_cloud(xyz)), (0.0, 1.0)).positions
     assert shown is not None
     places = np.array(shown.as_arrow_array().to_pylist(), np.float32)
     assert 0.95 * MAX_POINTS < len(places) <= MAX_POINTS
@@ -204,12 +196,10 @@ def test_large_clouds_are_thinned_evenly() -> None:
 
 def test_frames_without_anything_to_show(tmp_path: Path) -> None:
     result = frame(objects=0)
-    nothing = cloud_of(np.zeros((0, 3), np.float32))
-    combined = CombinedCloud(nothing, nothing, np.zeros(0, np.uint8), nothing, None, {})
     lidars = {topic: m for topic, m in result.bundle.messages.items() if "lidar" in topic}
     empty = replace(
         result,
-        combined=combined,
+        combined=combined(),
         detections=replace(result.detections, cameras={}),
         hypotheses=replace(result.hypotheses, matches={}),
         bundle=replace(result.bundle, messages=lidars),
@@ -254,16 +244,13 @@ def test_a_moving_rig_has_a_fixed_frame_and_a_way(tmp_path: Path, moves: bool) -
     assert rows_of(tmp_path, "/legend/own") == moves
 
 
-def test_the_image_of_a_slow_camera_stays_with_its_overlay(tmp_path: Path) -> None:
-    slow = [without_left(frame(row), Missing.NOT_NEAR) for row in (1, 2, 3)]
-    write(tmp_path / "out.rrd", [frame(0), *slow, frame(4)])
-    assert cleared(tmp_path) == {}
-
-
-def test_that_of_a_silent_one_is_cleared_once(tmp_path: Path) -> None:
-    silent = [without_left(frame(row), Missing.SILENT) for row in (1, 2, 3)]
-    write(tmp_path / "out.rrd", [frame(0), *silent])
-    leaves = "image", "boxes", "labels", "objects"
+@pytest.mark.parametrize(
+    ("why", "leaves"), [(Missing.NOT_NEAR, ()), (Missing.SILENT, ("image", "boxes", "labels", "objects"))]
+)
+def test_the_image_of_a_slow_camera_stays_and_that_of_a_silent_one_is_cleared_once(
+    tmp_path: Path, why: Missing, leaves: tuple[str, ...]
+) -> None:
+    write(tmp_path / "out.rrd", [frame(0), *(without_left(frame(row), why) for row in (1, 2, 3))])
     assert cleared(tmp_path) == {f"/world/cameras/left/{leaf}": 1 for leaf in leaves}
 
 
@@ -290,8 +277,7 @@ def test_that_nothing_is_drawn_is_logged_once(tmp_path: Path) -> None:
 def test_heights_have_colours_from_low_to_high() -> None:
     xyz = np.zeros((6, 3), np.float32)
     xyz[:, 2] = [-5.0, 0.0, 0.25, 0.5, 1.0, 9.0]
-    combined = replace(frame().combined, cloud=cloud_of(xyz))
-    shown = cloud_points(combined, (0.0, 1.0))
+    shown = cloud_points(replace(frame().combined, cloud=point_cloud(xyz)), (0.0, 1.0))
     assert shown.colors is not None
     packed = np.array(shown.colors.as_arrow_array().to_pylist())
     rgb = np.stack([packed >> 24 & 255, packed >> 16 & 255, packed >> 8 & 255], -1)

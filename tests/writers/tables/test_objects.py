@@ -32,15 +32,7 @@ def test_objects_of_tracks() -> None:
     assert columns["frame"].tolist() == [3, 3, 5]
     assert columns["track"].tolist() == [4, 0, 4]
     assert columns["zone"].tolist() == ["intersection", "circle", "outside"]
-    first = {name: columns[name][0].item() for name in MOTION}
-    assert first == {
-        "speed_m_s": 2.5,
-        "vx_m_s": -2.5,
-        "vy_m_s": 0.0,
-        "yaw_rate_rad_s": 0.125,
-        "existence": 0.75,
-        "age_s": 0.3,
-    }
+    assert [columns[name][0].item() for name in MOTION] == [2.5, -2.5, 0.0, 0.125, 0.75, 0.3]
     assert all(np.isnan(columns[name][1]) for name in MOTION)  # it belongs to no track
     assert columns["front_known"].tolist() == [True] * 3
     assert objects.speeds[2] == 0.0

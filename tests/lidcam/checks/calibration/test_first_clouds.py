@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from detections import forward_camera
 from frames import RIG
+from lidar_scene import point_cloud
 from scipy.spatial.transform import Rotation
 
 from lidcam.checks.calibration.first_clouds import inverted_lidars, pointless_cameras, tilted_lidars
@@ -34,9 +35,7 @@ def measured(sensor: LidarSensor) -> PointCloud:
     ground = np.c_[random.uniform(-15, 15, (3000, 2)), random.normal(0, 0.01, 3000)]
     posts = np.c_[np.repeat(random.uniform(-15, 15, (20, 2)), 20, 0), np.tile(np.linspace(0, 3, 20), 20)]
     xyz = sensor.T_site_lidar.inverse().apply(np.concatenate([ground, posts]))
-    n = len(xyz)
-    zeros = np.zeros(n, np.float32), np.zeros(n, np.uint16), np.zeros(n, np.int32)
-    return PointCloud(1, sensor.name, xyz.astype(np.float32), *zeros)
+    return point_cloud(xyz, sensor.name)
 
 
 def warned(names: str, wrong: str = "", ground_height_m: float | None = None) -> list[str]:

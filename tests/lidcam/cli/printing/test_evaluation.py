@@ -142,17 +142,8 @@ def test_requirements_and_warnings_come_last() -> None:
     ]
 
 
-MISTAKE: dict[str, Any] = {
-    "class": "truck",
-    "label": None,
-    "cause": "nothing",
-    "frames": 12,
-    "worst_s": 1.25,
-    "x_m": -12.34,
-    "y_m": 5.0,
-    "score": 0.875,
-    "lidar_points": None,
-}
+MISTAKE: dict[str, Any] = {"class": "truck", "label": None, "cause": "nothing", "frames": 12, "worst_s": 1.25}
+MISTAKE |= {"x_m": -12.34, "y_m": 5.0, "score": 0.875, "lidar_points": None}
 
 
 @pytest.mark.parametrize(

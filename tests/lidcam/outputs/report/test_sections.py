@@ -152,15 +152,8 @@ def test_recorded_names_are_no_html() -> None:
     content: dict[str, Any] = dict.fromkeys(texts.split(), HOSTILE) | {name: [table] for name in lists.split()}
     content |= {"busiest": [(HOSTILE, HOSTILE)], "checksums": table}
     content |= {"headlines": [HOSTILE], "origin_notes": [HOSTILE], "worst": [(HOSTILE, [(HOSTILE, HOSTILE)])]}
-    whole = page(
-        {"map": {"data": [{"name": HOSTILE}], "layout": {}}},
-        seen=seen_of(ONE),
-        counts=table,
-        movements=table,
-        doubts=[(HOSTILE, HOSTILE, HOSTILE)],
-        has_summary=True,
-        has_zones=True,
-        **content,
-    )
+    content |= {"counts": table, "movements": table, "doubts": [(HOSTILE, HOSTILE, HOSTILE)]}
+    figures: dict[str, Any] = {"map": {"data": [{"name": HOSTILE}], "layout": {}}}
+    whole = page(figures, seen=seen_of(ONE), has_summary=True, has_zones=True, **content)
     assert HOSTILE not in whole
     assert whole.count("alert(1)") > 20
