@@ -14,11 +14,11 @@ from velodyne import START_NS, random_packets
 
 from lidcam.cli.inspect import inspect
 from lidcam.cli.process import run_process
-from lidcam.pipeline.core.errors import CalibrationError, ConfigError, IncompleteError, RecordingError
+from lidcam.pipeline.core.errors import ConfigError, IncompleteError, RecordingError
 from lidcam.run.job import make_job
 
 PAYLOAD, STAMPS_NS = random_packets("VLP-16", packets=170, start=0)
-LEFT, RIGHT = "/velodyne_10_0_0_1/packets", "/velodyne_10_0_0_2/packets"
+TOPIC = "/velodyne_10_0_0_1/packets"
 FAST = ("detect3d.method=none", "combine.outliers.enabled=false", "combine.ground.enabled=false")
 """Points at random are long looked at, and none is an object."""
 
@@ -30,8 +30,6 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
     gps = [(START_NS + n * 10**8, ethernet(ip_packet(bytes(512), "10.0.0.1", 8308))) for n in range(2)]
     (folder / "one.pcap").write_bytes(pcap(sorted([*one, *gps], key=lambda packet: packet[0])))
     (folder / "cut.pcap").write_bytes(pcap(one)[:-7])
-    both = sorted([*one, *capture_of(PAYLOAD, STAMPS_NS, "10.0.0.2")], key=lambda packet: packet[0])
-    (folder / "two.pcap").write_bytes(pcap(both))
     return folder
 
 
@@ -44,7 +42,7 @@ def processed(capsys: pytest.CaptureFixture[str], *inputs: Path, out: Path, **op
 
 def test_one_lidar_needs_nothing_else(captures: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     table = processed(capsys, captures / "one.pcap", out=(out := tmp_path / "out.mcap"))
-    assert table["messages_used"] == {LEFT: 3}
+    assert table["messages_used"] == {TOPIC: 3}
     assert table["unused_topics"] == {"/other_traffic/position": 2}
     assert (table["losses"], table["exit_code"]) == ([], 0)
     sweeps = messages_of(out, "/point_cloud_combined")
@@ -53,7 +51,7 @@ def test_one_lidar_needs_nothing_else(captures: Path, capsys: pytest.CaptureFixt
     with kept_logging():
         inspect([str(captures / "one.pcap")], as_json=True)
     topics = {topic["topic"]: topic for topic in json.loads(capsys.readouterr().out)["topics"]}
-    assert (topics[LEFT]["msgtype"], topics[LEFT]["count"]) == ("velodyne_msgs/msg/VelodyneScan", 3)
+    assert (topics[TOPIC]["msgtype"], topics[TOPIC]["count"]) == ("velodyne_msgs/msg/VelodyneScan", 3)
     assert "GPS" in topics["/other_traffic/position"]["problem"]
     with pytest.raises(ConfigError, match=r"HDL-64E S2 needs velodyne\.calibration"):
         processed(capsys, captures / "one.pcap", out=out, settings=("velodyne.model=HDL-64E S2",))
@@ -66,22 +64,9 @@ def test_a_cut_capture_is_read_and_written_as_an_mcap(
     with kept_logging(), pytest.raises(IncompleteError, match="damaged, 1 message lost"):
         inspect([str(captures / "cut.pcap")], repair=whole)
     assert "a packet is cut off: expected 1248 bytes, found 1241" in capsys.readouterr().out
-    assert topics_of(whole) == {LEFT: ("velodyne_msgs/msg/VelodynePacket", 169)}
-    found = messages_of(whole, LEFT)
+    assert topics_of(whole) == {TOPIC: ("velodyne_msgs/msg/VelodynePacket", 169)}
+    found = messages_of(whole, TOPIC)
     assert np.array_equal(np.stack([packet.data for _, packet in found]), PAYLOAD[:-1])
-    assert processed(capsys, whole, out=out, on_bad_message="fail")["messages_used"] == {LEFT: 3}
+    assert processed(capsys, whole, out=out, on_bad_message="fail")["messages_used"] == {TOPIC: 3}
     with pytest.raises(RecordingError, match="a packet is cut off"):
         processed(capsys, captures / "cut.pcap", out=out, on_bad_message="fail")
-
-
-def test_several_lidars_need_their_poses(captures: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    out = tmp_path / "out.mcap"
-    with pytest.raises(CalibrationError) as caught:
-        processed(capsys, captures / "two.pcap", out=out)
-    assert f"found 2 lidars ({LEFT}, {RIGHT}) without poses" in str(caught.value)
-    rig = tmp_path / "rig.yaml"
-    rig.write_text(
-        f"site_frame: site\nlidars:\n  left: {{topic: {LEFT}, translation_m: [0, 1, 2]}}\n"
-        f"  right: {{topic: {RIGHT}, translation_m: [0, -1, 2]}}\n"
-    )
-    assert processed(capsys, captures / "two.pcap", out=out, rig=rig)["messages_used"] == {LEFT: 3, RIGHT: 3}
