@@ -66,12 +66,6 @@ def written(path: Path, data: bytes) -> Path:
 
 INPUTS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "no such file": (lambda d: d / "none.bag", "no such"),
-    "folder without a bag": (lambda d: d, ""),
-    "pointer of Git LFS": (
-        lambda d: written(d / "a.bag", b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n"),
-        "`git lfs pull`",
-    ),
-    "text file": (lambda d: written(d / "a.bag", b"hello, this is text\n"), ""),
     "empty file": (lambda d: written(d / "a.bag", b""), "empty"),
     "no messages": (lambda d: bag(d / "a.bag", []), "no messages"),
     "no lidar": (lambda d: bag(d / "a.bag", without("/points")), "PointCloud2"),

@@ -5,8 +5,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from lidcam.pipeline.core.frame import Missing, SensorBundle
 from lidcam.pipeline.core.messages import Channel, Drop, RawMessage
@@ -182,30 +180,6 @@ def test_the_last_incomplete_turn_is_no_frame() -> None:
     bundles, drops, _ = run(messages)
     assert len(bundles) == 29
     assert drops["/lidar0", DropReason.END] == 1
-
-
-@given(
-    arrivals=st.lists(st.tuples(st.integers(0, 3), st.integers(0, 300), st.integers(0, 100)), max_size=50),
-    queue_size=st.integers(1, 4),
-)
-@settings(max_examples=100)
-def test_every_message_is_used_once_or_dropped_once_and_frames_are_in_order(
-    arrivals: list[tuple[int, int, int]], queue_size: int
-) -> None:
-    messages = [
-        message(TOPICS[topic], 10 * stamp, 10 * (stamp + late), position)
-        for position, (topic, stamp, late) in enumerate(arrivals)
-    ]
-    messages.sort(key=lambda m: (m.log_time_ns, m.order))
-    config = SyncConfig(queue_size=queue_size, slop_s=0.05, max_interval_s=0.05)
-    bundles, drops, stats = run(messages, config, topics=TOPICS[:4], required=LIDARS[:2])
-    used = Counter(m.topic for b in bundles for m in b.messages.values())
-    for (topic, _), count in drops.items():
-        used[topic] += count
-    assert used == Counter(m.topic for m in messages)
-    assert all(topic == m.topic for b in bundles for topic, m in b.messages.items())
-    assert all(a.stamp_ns <= b.stamp_ns for a, b in itertools.pairwise(bundles))
-    assert stats.sets == len(bundles)
 
 
 def test_memory_is_bounded_however_many_are_waited_for() -> None:
