@@ -8,12 +8,12 @@ import pytest
 from detections import boxes3d, forward_camera
 from frames import RIG, frame
 from scipy.spatial.transform import Rotation
+from seen_boxes import seen_by
 
 from lidcam.checks.calibration.rig_check import RigCheck
 from lidcam.pipeline.core.arrays import F64
-from lidcam.pipeline.core.detections import Boxes2D, Detections
+from lidcam.pipeline.core.detections import Detections
 from lidcam.pipeline.core.frame import FrameResult
-from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
@@ -51,16 +51,9 @@ def seen(number: int, *cameras: CameraSensor, objects: int = 3) -> FrameResult:
     random = np.random.default_rng(number)
     aside = random.uniform(-14, 14, objects)
     ahead = random.uniform(14, 40, objects) * np.where(np.arange(objects) % 2, -1, 1)
-    rows = [[x, y, 0.7, *CAR, yaw] for x, y, yaw in zip(ahead, aside, random.uniform(-3, 3, objects), strict=True)]
-    found = boxes3d(rows)
-    corners = box_corners(found.centers, found.sizes, found.yaws)
-    boxes = {}
-    for camera in cameras:
-        xyxy = camera.model.project_boxes(np.asarray(camera.T_camera_site.apply(corners), np.float64))
-        xyxy = xyxy[np.isfinite(xyxy).all(1)]
-        n = len(xyxy)
-        boxes[camera.name] = Boxes2D(1, camera.name, xyxy, np.full(n, 0.9, np.float32), np.zeros(n, np.int32))
-    return replace(frame(), detections=Detections(found, boxes))
+    rows = [(x, y, 0.7, *CAR, yaw) for x, y, yaw in zip(ahead, aside, random.uniform(-3, 3, objects), strict=True)]
+    boxes = {camera.name: seen_by(camera, rows, [0] * objects, score=0.9) for camera in cameras}
+    return replace(frame(), detections=Detections(boxes3d(rows), boxes))
 
 
 def warned(calibrated: Rig, frames: Sequence[FrameResult]) -> list[str]:
