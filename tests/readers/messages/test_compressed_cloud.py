@@ -22,6 +22,7 @@ from lidcam.readers.messages import compressed_cloud
 from lidcam.readers.messages.compressed_cloud import decode_compressed_cloud
 from lidcam.readers.messages.foxglove import to_ros
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
+from lidcam.readers.messages.registry import decode_as
 from lidcam.readers.rig.discovery import discover_rig
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -74,7 +75,7 @@ def same(found: PointCloud, cloud: PointCloud, *, within_m: float = 0) -> None:
     [("zstd", zstandard.compress(DATA)), ("zlib", gzip.compress(DATA)), ("zlib", zlib.compress(DATA))],
 )
 def test_zstd_and_zlib(format_name: str, data: bytes, encoding: Encoding) -> None:
-    same(decode_compressed_cloud(message(format_name, data, encoding)), expected())
+    same(decode_as("cloud", message(format_name, data, encoding)), expected())
 
 
 @pytest.mark.parametrize(("data", "within_m"), [(SEQUENTIAL, 0.0), (QUANTISED, 2e-4)])

@@ -15,6 +15,7 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.messages.livox import PACKAGES, decode_livox
+from lidcam.readers.messages.registry import decode_as
 from lidcam.readers.rig.discovery import discover_rig
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -50,7 +51,7 @@ def message(fields: Fields, package: str = PACKAGES[0], encoding: Encoding = "cd
 @pytest.mark.parametrize(("count", "frame"), [(0, "livox"), (1, ""), (2, "/a"), (7, "abc"), (5, "livox_frame")])
 def test_every_point_is_as_rosbags_reads_it(package: str, encoding: Encoding, count: int, frame: str) -> None:
     one = message(content(count, frame), package, encoding)
-    found, judge = decode_livox(one), deserialize(one)
+    found, judge = decode_as("cloud", one), deserialize(one)
     assert (found.frame_id, found.stamp_ns, len(found)) == (frame.lstrip("/"), STAMP_NS, count)
     expected = np.array([(p.x, p.y, p.z) for p in judge.points], np.float32).reshape(-1, 3)
     np.testing.assert_array_equal(found.xyz, expected)
