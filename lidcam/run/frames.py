@@ -302,6 +302,7 @@ def _with_motion(found: Iterator[SensorBundle], motion: MotionBuffer) -> Iterato
 
 def _with_later_poses(bundle: SensorBundle, motion: MotionBuffer) -> SensorBundle:
     later = motion.window(bundle.stamp_ns)
-    if later is None or (bundle.motion is not None and later.stamps_ns[0] > bundle.motion.stamps_ns[0]):
+    known = bundle.motion
+    if not len(later) or (known and later.stamps_ns[0] > known.stamps_ns[0]):
         return bundle  # after a pause the buffer no longer covers this bundle
     return replace(bundle, motion=later)

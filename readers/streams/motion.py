@@ -274,18 +274,18 @@ class MotionBuffer:
             except FrameError as err:
                 self._on_drop(Drop(message.topic, message.stamp_ns, "its pose is unusable", str(err)))
 
-    def window(self, stamp_ns: int) -> PoseSamples | None:
-        """Poses of the site frame around a time; None if there are fewer than two."""
+    def window(self, stamp_ns: int) -> PoseSamples:
+        """Poses of the site frame around a time; none where fewer than two are known."""
         tracks = {name: track.around(stamp_ns) for name, track in self._tracks.items()}
-        if any(len(stamps) < 2 for stamps, _ in tracks.values()):
-            return None
-        begin = max(stamps[0] for stamps, _ in tracks.values())
-        end = min(stamps[-1] for stamps, _ in tracks.values())
-        densest = max(tracks, key=lambda name: len(tracks[name][0]))
-        stamps_ns = tracks[densest][0]
-        stamps_ns = stamps_ns[(stamps_ns >= begin) & (stamps_ns <= end)]
+        stamps_ns = np.zeros(0, np.int64)
+        if all(len(stamps) > 1 for stamps, _ in tracks.values()):
+            begin = max(stamps[0] for stamps, _ in tracks.values())
+            end = min(stamps[-1] for stamps, _ in tracks.values())
+            densest = max((stamps for stamps, _ in tracks.values()), key=len)
+            stamps_ns = densest[(densest >= begin) & (densest <= end)]
         if len(stamps_ns) < 2:
-            return None
+            none = np.zeros((0, 4, 4))
+            return PoseSamples(self._source.frame_id, self._source.fixed_frame_id, stamps_ns[:0], none)
         poses = np.broadcast_to(np.eye(4), (len(stamps_ns), 4, 4))
         for link in self._source.links:
             if isinstance(link, Transform):

@@ -136,7 +136,7 @@ class _Motion:
                 break
             deque(self._buffer.tap([message]), maxlen=0)
         motion = self._buffer.window(stamp_ns)
-        if motion is None or not motion.covers(stamp_ns):
+        if not motion.covers(stamp_ns):
             return None
         pose = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.array([stamp_ns], np.int64))[0]
         T_fixed_site = Transform(self._source.fixed_frame_id, self._source.frame_id, pose)

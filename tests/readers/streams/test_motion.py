@@ -9,8 +9,9 @@ from memory_recording import MemoryRecording
 from scipy.spatial.transform import Rotation, Slerp
 
 from lidcam.pipeline.core.errors import ConfigError
-from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.frame import SensorBundle, own_motion
 from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.settings.combine import MotionConfig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.rig.discovery import discover_rig
 from lidcam.readers.streams.motion import MotionBuffer, MotionSource, find_motion_source
@@ -54,12 +55,6 @@ def moving_by(*messages: RawMessage, **motion: Any) -> MotionSource:
     return source
 
 
-def window(buffer: MotionBuffer, stamp_ns: int) -> PoseSamples:
-    poses = buffer.window(stamp_ns)
-    assert poses is not None
-    return poses
-
-
 def run(source: MotionSource, *messages: RawMessage) -> tuple[MotionBuffer, list[RawMessage], list[Drop]]:
     drops: list[Drop] = []
     buffer = MotionBuffer(source, on_drop=drops.append)
@@ -72,7 +67,7 @@ def run(source: MotionSource, *messages: RawMessage) -> tuple[MotionBuffer, list
 def test_odometry_of_a_fixed_neighbour_is_taken_with_the_offset_between() -> None:
     source = moving_by(odom(0, child_frame_id="lidar"), odom(10, child_frame_id="lidar"))
     buffer, _, _ = run(source, *(odom(i, child_frame_id="lidar") for i in range(10)))
-    poses = window(buffer, 100 * MS)
+    poses = buffer.window(100 * MS)
     np.testing.assert_allclose(poses.T_fixed_moving[0] @ [1, 0, 2, 1], [0, 0, 0, 1], atol=1e-12)
 
 
@@ -95,7 +90,7 @@ def test_a_configured_topic_may_leave_its_frame_unnamed() -> None:
     source = moving_by(odom(0), odom(0, "/other", child_frame_id=""), topic="/other")
     assert source.topics == ("/other",)
     buffer, _, drops = run(source, *(odom(i, "/other", child_frame_id="") for i in range(5)))
-    assert buffer.window(0) is not None
+    assert len(buffer.window(0)) == 5
     assert drops == []
 
 
@@ -128,7 +123,7 @@ def test_tf_is_the_last_resort_up_to_odom() -> None:
     assert (source.topics, source.frame_id, source.fixed_frame_id) == (("/tf",), "base_link", "odom")
     buffer, forwarded, drops = run(source, *steps)
     assert (forwarded, drops) == ([], [])
-    poses = window(buffer, 500 * MS)
+    poses = buffer.window(500 * MS)
     at = int(np.searchsorted(poses.stamps_ns, 500 * MS))
     np.testing.assert_allclose(poses.T_fixed_moving[at][:3, 3], [5, 0, 0.5])
 
@@ -146,7 +141,7 @@ def test_two_moving_frames_are_joined_at_the_denser_ones_stamps() -> None:
         for i in range(30)
     ]
     buffer, _, _ = run(source, *coarse, *fine)
-    poses = window(buffer, 250 * MS)
+    poses = buffer.window(250 * MS)
     assert poses.stamps_ns.tolist() == list(range(0, 500 * MS, 30 * MS))
     judge = Slerp(np.arange(6) * 100.0 * MS, Rotation.concatenate(turns))(poses.stamps_ns.astype(float))
     np.testing.assert_allclose(poses.T_fixed_moving[:, :3, 3], judge.apply([1, 0, 0]), atol=1e-12)
@@ -162,7 +157,7 @@ def test_other_messages_pass_and_poses_lie_around_the_stamp() -> None:
     buffer, forwarded, drops = run(ODOM, *messages)
     assert [message.topic for message in forwarded] == ["/points"] * 3
     assert drops == []
-    poses = window(buffer, 2000 * MS)
+    poses = buffer.window(2000 * MS)
     assert (poses.frame_id, poses.fixed_frame_id) == ("base_link", "odom")
     assert (poses.stamps_ns[0], poses.stamps_ns[-1]) == (1480 * MS, 2520 * MS)  # half a second, and one more each side
     at = poses.stamps_ns.tolist().index(2000 * MS)
@@ -172,9 +167,17 @@ def test_other_messages_pass_and_poses_lie_around_the_stamp() -> None:
 
 def test_the_buffer_is_bounded() -> None:
     buffer, _, _ = run(ODOM, *(odom(i) for i in range(2000)))
-    assert buffer.window(10_000 * MS) is None
-    newest = window(buffer, 39_980 * MS)
+    assert len(buffer.window(10_000 * MS)) == 0
+    newest = buffer.window(39_980 * MS)
     assert len(newest) <= 52
+
+
+@pytest.mark.parametrize(("at_s", "is_known"), [(1.0, False), (3.0, True), (5.0, False)])
+def test_where_poses_are_missing_the_rig_does_not_count_as_standing(at_s: float, is_known: bool) -> None:
+    buffer, _, _ = run(ODOM, *(odom(i) for i in range(100, 200)))
+    stamp_ns = round(at_s * 1000) * MS
+    bundle = SensorBundle(0, stamp_ns, stamp_ns, {}, motion=buffer.window(stamp_ns))
+    assert (own_motion(bundle, stamp_ns - 20 * MS, "base_link", MotionConfig()) is not None) == is_known
 
 
 @pytest.mark.parametrize(
@@ -191,7 +194,7 @@ def test_bad_messages_are_counted_and_the_rest_is_used(bad: RawMessage, reason: 
     buffer, forwarded, drops = run(ODOM, odom(0), bad, odom(1))
     assert [(drop.topic, drop.reason) for drop in drops] == [("/odom", reason)]
     assert forwarded == []
-    assert len(buffer.window(0) or ()) == 2
+    assert len(buffer.window(0)) == 2
 
 
 def test_a_new_parent_in_tf_is_counted_and_not_mixed_in() -> None:
@@ -204,7 +207,7 @@ def test_a_new_parent_in_tf_is_counted_and_not_mixed_in() -> None:
     )
     buffer, _, (drop,) = run(TF, *good, bad)
     assert (drop.reason, drop.detail) == ("its pose is unusable", "base_link in 'map', expected 'odom'")
-    assert window(buffer, 0).stamps_ns.tolist() == [0, 1, 2, 5]
+    assert buffer.window(0).stamps_ns.tolist() == [0, 1, 2, 5]
 
 
 @pytest.mark.parametrize("wrong_s", [-30, 10**6, 2**31])
@@ -224,6 +227,6 @@ def test_a_first_pose_far_off_does_not_cost_the_others(kind: str, wrong_s: int) 
     source = moving_by(*messages)
     buffer, _, drops = run(source, *messages)
     assert len(drops) == (wrong_s > 0)  # one far behind may be from before a pause
-    poses = window(buffer, 1000 * 10**9 + 25 * 20 * MS)
+    poses = buffer.window(1000 * 10**9 + 25 * 20 * MS)
     assert poses.stamps_ns[-1] == 1000 * 10**9 + 49 * 20 * MS
     assert len(poses.stamps_ns) >= 48
