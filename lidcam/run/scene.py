@@ -121,14 +121,26 @@ def looks(recording: Recording, start_ns: int | None = None, stop_ns: int | None
 
 
 def find_motion(recording: Recording, config: Config, found: Discovery) -> tuple[MotionSource | None, Discovery]:
-    """The source of the site frame's motion, and the rig with a note where odometry is dead: then there is none.
+    """The source of the site frame's motion, and the rig with notes about odometry that is not used.
 
-    Drivers publish zeros where nothing measures the motion. Odometry that the settings name is believed.
+    Drivers publish zeros where nothing measures the motion. Odometry that the settings name is believed. Where there is
+    none at all, that of other frames is named if the clouds show that the rig moves.
 
     Raises:
         ConfigError: as of `find_motion_source`.
     """
-    source = find_motion_source(recording, found.rig, found.transforms, config, usual_delay_ns=found.usual_delay_ns)
+    unused: list[str] = []
+    source = find_motion_source(
+        recording,
+        found.rig,
+        found.transforms,
+        config,
+        usual_delay_ns=found.usual_delay_ns,
+        on_unused=unused.append,
+    )
+    if source is None and unused and clouds_show_motion(recording, found.rig, config):
+        notes = (f"odometry is not used, though the clouds show that the rig moves: {reason}" for reason in unused)
+        return None, replace(found, notes=(*found.notes, *notes))
     odometry = {info.topic for info in recording.topics if info.msgtype == ODOMETRY}
     topic = next((topic for topic in source.topics if topic in odometry), "") if source else ""
     if not topic or config.combine.motion.topic or not _is_dead(recording, found.rig, config, topic):

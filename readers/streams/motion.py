@@ -62,12 +62,19 @@ class MotionSource(NamedTuple):
 
 
 def find_motion_source(
-    recording: Recording, rig: Rig, transforms: RecordedTransforms, config: Config, *, usual_delay_ns: int | None = None
+    recording: Recording,
+    rig: Rig,
+    transforms: RecordedTransforms,
+    config: Config,
+    *,
+    usual_delay_ns: int | None = None,
+    on_unused: Callable[[str], None] = lambda _: None,
 ) -> MotionSource | None:
     """The configured odometry, else odometry of the site frame, else its tf; None if the site does not move.
 
     Of several odometry topics the one with the most messages is used, then the first by name. `usual_delay_ns` is that
-    of the sensors, log time minus stamp; None: the clock of the odometry is believed.
+    of the sensors, log time minus stamp; None: the clock of the odometry is believed. `on_unused` gets the reason for
+    each odometry that is not used, but for that of objects in the scene.
 
     Raises:
         ConfigError: the configured topic has no odometry, or odometry of a frame that is not fixed to the site frame.
@@ -93,10 +100,17 @@ def find_motion_source(
     for info in sorted(infos, key=lambda info: (-info.message_count, info.topic)):
         try:
             source = _of_odometry(info.topic, first, rig, transforms, is_wanted=False)
-        except (ConfigError, MessageError):
+        except _OfObject:
+            continue
+        except (ConfigError, MessageError) as err:
+            on_unused(str(err))
             continue
         return _with_clock_set(source, recording, first, usual_delay_ns)
     return _of_tf(recording, rig, transforms)
+
+
+class _OfObject(ConfigError):
+    """Odometry of an object in the scene."""
 
 
 def _of_odometry(
@@ -106,16 +120,20 @@ def _of_odometry(
     child, fixed = clean_frame(message.child_frame_id), clean_frame(message.header.frame_id)
     if not child and is_wanted:  # many drivers leave it empty
         child = rig.site_frame
-    if not child or not fixed or transforms.are_joined(rig.site_frame, fixed):
-        raise ConfigError(
-            f"{topic}: pose of {child!r} in {fixed!r} is not the motion of the site frame {rig.site_frame!r}"
-        )
+    what = f"{topic}: pose of {child!r} in {fixed!r} is not the motion of the site frame {rig.site_frame!r}"
+    if child and transforms.are_joined(rig.site_frame, fixed):
+        raise _OfObject(what)
+    if not child or not fixed:
+        raise ConfigError(f"{what}; if it is, --set combine.motion.topic={topic}" if fixed else what)
     if child == rig.site_frame:
         return MotionSource((topic,), rig.site_frame, fixed, (child,))
     try:
         return MotionSource((topic,), rig.site_frame, fixed, (transforms.lookup(child, rig.site_frame), child))
     except FrameError as err:
-        raise ConfigError(f"{topic}: odometry of {child!r}, not of the site frame: {err}") from err
+        raise ConfigError(
+            f"{topic}: odometry of {child!r}, not of the site frame: {err}; if it is of the rig, give the pose of "
+            f"{child!r} in a rig file (transforms)"
+        ) from err
 
 
 def _with_clock_set(

@@ -1,5 +1,6 @@
 """The size of a scene, from clouds of a known floor."""
 
+import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -157,6 +158,30 @@ def test_odometry_that_stands_still_while_the_clouds_move(
     motion, found = find_motion(recording, config, discover_rig(recording, config))
     assert (motion is not None) is is_used
     assert [note.startswith("/odom: its poses stand still") for note in found.notes] == [True] * (not is_used)
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "frames", "remedy"),
+    [
+        (8, ("odom", "base_footprint"), r"'base_footprint', not of the site frame: .* in a rig file \(transforms\)"),
+        (8, ("odom", ""), r"if it is, --set combine.motion.topic=/odom$"),
+        (8, ("", "lidar"), "pose of 'lidar' in ''"),
+        (8, ("lidar", "car1"), ""),  # where a car is in the scene
+        (0, ("odom", "car1"), ""),
+    ],
+)
+def test_odometry_that_may_be_of_a_moving_rig_is_named_with_a_remedy(
+    speed_m_s: float, frames: tuple[str, str], remedy: str
+) -> None:
+    frame_id, child = frames
+    poses = [odometry(stamp_ns=START_NS + n, frame_id=frame_id, child_frame_id=child) for n in range(2)]
+    messages = [raw("/odom", "nav_msgs/msg/Odometry", pose, START_NS + n) for n, pose in enumerate(poses)]
+    recording = MemoryRecording(drive(speed_m_s=speed_m_s, count=20) + messages)
+    motion, found = find_motion(recording, Config(), discover_rig(recording, Config()))
+    assert motion is None
+    notes = [note for note in found.notes if note.startswith("odometry is not used")]
+    assert len(notes) == bool(remedy)
+    assert all(re.search(remedy, note) for note in notes)
 
 
 @pytest.mark.parametrize(
