@@ -21,7 +21,7 @@ from lidcam.readers.recording import Recording
 from lidcam.readers.rig.discovery import Discovery
 from lidcam.readers.rig.schema import Pose, RigFile
 from lidcam.readers.streams.decoders import CloudDecoder
-from lidcam.readers.streams.motion import MotionSource, find_motion_source
+from lidcam.readers.streams.motion import FIXED_FRAMES, MotionSource, find_motion_source
 
 CLOUDS = 3
 """Number of clouds taken of each lidar: the first sweep may be a part of one."""
@@ -129,7 +129,7 @@ def find_motion(recording: Recording, config: Config, found: Discovery) -> tuple
     Raises:
         ConfigError: as of `find_motion_source`.
     """
-    unused: list[str] = []
+    unused, site = list[str](), found.rig.site_frame
     source = find_motion_source(
         recording,
         found.rig,
@@ -141,6 +141,12 @@ def find_motion(recording: Recording, config: Config, found: Discovery) -> tuple
     if source is None and unused and clouds_show_motion(recording, found.rig, config):
         notes = (f"odometry is not used, though the clouds show that the rig moves: {reason}" for reason in unused)
         return None, replace(found, notes=(*found.notes, *notes))
+    if source is None and config.combine.motion.enabled and not found.rig.lidars and site not in FIXED_FRAMES:
+        note = (
+            f"{site}: neither clouds nor odometry or tf tell whether this frame moves, so it counts as standing still; "
+            "on a vehicle, parked cars would seem to drive"
+        )
+        return None, replace(found, notes=(*found.notes, note, *unused))
     odometry = {info.topic for info in recording.topics if info.msgtype == ODOMETRY}
     topic = next((topic for topic in source.topics if topic in odometry), "") if source else ""
     if not topic or config.combine.motion.topic or not _is_dead(recording, found.rig, config, topic):

@@ -156,6 +156,17 @@ def test_two_detectors_on_a_vehicle_without_clouds(tmp_path: Path) -> None:
     assert summary_tree(summary)["boxes3d_topics"] == [DETECTOR, "/other"]
 
 
+@pytest.mark.parametrize(("frame_id", "is_named"), [("base_link", True), ("map", False)])
+def test_boxes_without_anything_that_tells_whether_they_move_are_named(
+    tmp_path: Path, frame_id: str, is_named: bool
+) -> None:
+    stamps_ns = range(START_NS, START_NS + 10 * PERIOD_NS, PERIOD_NS)
+    seen = [Recorded((30.0, 3.0, 0.8), "car", 0.8)]
+    write_mcap(tmp_path / "in.mcap", [objects_message("humble", one, seen, frame_id=frame_id) for one in stamps_ns])
+    notes = process(tmp_path / "in.mcap", tmp_path / "out.mcap", *RECORDED).notes
+    assert any(note.startswith(f"{frame_id}: neither clouds nor odometry") for note in notes) == is_named
+
+
 def test_an_inspection_tells_of_the_boxes(tmp_path: Path) -> None:
     write_mcap(tmp_path / "in.mcap", drive())
     config = Config.model_validate({"detect3d": {"method": "recorded"}})
