@@ -53,6 +53,11 @@ FEW_PAIRS_FACTOR = 3.0
 
 REMEDY = "check it with `lidcam inspect --check`, or recalibrate it"
 
+BODY_FRAMES = frozenset({"base_link", "base_footprint", "map", "odom"})
+"""Frames to which drivers bring the clouds of several lidars (REP 105)."""
+
+ONE_FRAME_REMEDY = "unless their driver brings them there, give the pose of each lidar in a rig file (--rig)"
+
 SCALES = np.array([*np.degrees([1.0, 1.0, 1.0]), 1.0, 1.0, 1.0, 1000.0])
 """Degrees, metres and milliseconds from radians, metres and seconds."""
 
@@ -218,8 +223,14 @@ class RigCheck:
         return tuple(warning for warning in found if warning is not None)
 
     def _lidar_warning(self, pair: LidarPair) -> RunWarning | None:
-        """The warning of two lidars that disagree."""
-        if pair.error is None or not pair.error.large.any():
+        """The warning of two lidars that disagree, or that count as standing at one place without any evidence."""
+        if pair.error is None:
+            one, other = pair.first.T_site_lidar, pair.second.T_site_lidar
+            if one.src != other.src or one.src in BODY_FRAMES or not np.array_equal(one.matrix, other.matrix):
+                return None
+            finding = f"its clouds and {pair.first.name}'s are all in frame {one.src!r}, but show no common surfaces"
+            return RunWarning(pair.second.name, finding, ONE_FRAME_REMEDY)
+        if not pair.error.large.any():
             return None
         values, sigmas = pair.error.values * SCALES[:6], pair.error.sigmas * SCALES[:6]
         parts = [

@@ -14,7 +14,7 @@ from wrong_cameras import CAMERA, cuboids, passing, without_tracks
 from lidcam.checks.calibration.rig_check import RigCheck
 from lidcam.cli.printing.rig_check import check_tree, print_check
 from lidcam.cli.printing.terminal import console
-from lidcam.pipeline.calibration.lidar_poses import ComparedLidars, moved_lidar
+from lidcam.pipeline.calibration.lidar_poses import ComparedLidars, LidarPair, moved_lidar
 from lidcam.pipeline.calibration.motions import motion
 from lidcam.pipeline.core.frame import FrameResult, Missing
 from lidcam.pipeline.core.geometry.transform import Transform
@@ -87,6 +87,24 @@ def test_a_dead_lidar_does_not_keep_cameras_from_being_judged(why: Missing, is_n
     for frame in passing((0, 0.03, 0, 0, 0, 0, 0), noise=0.3):
         check.add_frame(replace(frame, bundle=replace(frame.bundle, missing={"/dead": why})))
     assert [warning.subject for warning in check.warnings] == ["cam"] * is_named
+
+
+@pytest.mark.parametrize(
+    ("frames", "x_m", "is_named"),
+    [
+        ("velodyne velodyne", 0, True),
+        ("velodyne velodyne", 1, False),
+        ("a b", 0, False),
+        ("base_link base_link", 0, False),
+    ],
+)
+def test_lidars_in_one_frame_whose_clouds_show_nothing_in_common(frames: str, x_m: float, is_named: bool) -> None:
+    at = [motion(np.array([0, 0, 0, x, 0, 0])) for x in (0.0, x_m)]
+    poses = [Transform("site", frame, pose) for frame, pose in zip(frames.split(), at, strict=True)]
+    one, other = (LidarSensor(name, f"/{name}", pose) for name, pose in zip(("left", "right"), poses, strict=True))
+    compared = ComparedLidars((LidarPair(one, other, None),), ())
+    warnings = RigCheck(Rig("site", (one, other), (), ()), CONFIG, compared).warnings
+    assert [warning.subject for warning in warnings] == ["right"] * is_named
 
 
 @pytest.mark.parametrize("moved", [(), (1,), (0, 2)])
