@@ -29,6 +29,9 @@ from lidcam.run.tally import DropTable
 SHARE_OF_PERIOD, MAX_SLOW_INTERVAL_S = 0.55, 0.3
 """Largest spread of stamps in a frame by `auto`: share of the period of the slowest required topic, and its limit."""
 
+MAX_MOTION_DELAY_NS = 1_000_000_000
+"""Maximum time that a frame waits for odometry that is recorded late, nanoseconds of log time."""
+
 NOT_EVERY = "of a frame that sync.every leaves out"
 """Reason of drops that the user asked for."""
 
@@ -289,15 +292,19 @@ def no_frames(source: RunInput, drops: DropTable) -> str:
 def _with_motion(found: Iterator[SensorBundle], motion: MotionBuffer) -> Iterator[SensorBundle]:
     """Bundles with the poses around their stamps.
 
-    A bundle may be complete before the poses of its sweep are read: it waits for the next one.
+    A bundle may be complete before the poses of its sweep are read: it waits for the next one, and longer where
+    odometry is recorded late.
     """
-    waiting: SensorBundle | None = None
+    waiting = deque[SensorBundle]()
     for bundle in found:
-        if waiting is not None:
-            yield _with_later_poses(waiting, motion)
-        waiting = replace(bundle, motion=motion.window(bundle.stamp_ns))
-    if waiting is not None:
-        yield _with_later_poses(waiting, motion)
+        while waiting and (
+            (motion.newest_ns or 0) > waiting[0].stamp_ns
+            or bundle.log_time_ns - waiting[0].log_time_ns >= MAX_MOTION_DELAY_NS
+        ):
+            yield _with_later_poses(waiting.popleft(), motion)
+        waiting.append(replace(bundle, motion=motion.window(bundle.stamp_ns)))
+    for bundle in waiting:
+        yield _with_later_poses(bundle, motion)
 
 
 def _with_later_poses(bundle: SensorBundle, motion: MotionBuffer) -> SensorBundle:
