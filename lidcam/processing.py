@@ -15,7 +15,7 @@ from pathlib import Path
 from lidcam.checks.boxes import DoubtedCheck, class_number_warnings
 from lidcam.checks.calibration.check import CalibrationCheck
 from lidcam.checks.clocks import clock_notes, sync_warnings
-from lidcam.checks.messages import CameraCheck, GroundCheck, LidarCheck, check_not_empty
+from lidcam.checks.messages import CameraCheck, GroundCheck, LidarCheck, MotionCheck, check_not_empty
 from lidcam.checks.no_objects import ObjectCheck
 from lidcam.outputs.allowed import check_no_input
 from lidcam.outputs.copied import choose_copied, choose_drawn, truth_frames
@@ -189,6 +189,7 @@ class Run:
         self._checks = (
             LidarCheck(source.rig),
             GroundCheck(source.config.combine.ground),
+            MotionCheck(source.rig, source.motion.topics if source.motion else ()),
             CameraCheck(source.rig),
             CalibrationCheck(source.rig, source.config, source.compared),
             ObjectCheck(

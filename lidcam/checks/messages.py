@@ -1,6 +1,7 @@
-"""Files without messages; warnings of lidars without points, clouds without ground, cameras that see nothing new."""
+"""Files without messages; warnings of lidars without points, no ground, unknown motion, cameras that see nothing."""
 
 from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -103,6 +104,38 @@ class GroundCheck:
             "not x forward and z up, give its pose in a rig file"
         )
         return (RunWarning("ground", finding, remedy),)
+
+
+MIN_UNKNOWN, MIN_UNKNOWN_SHARE = 3, 0.1
+"""Minimum number and share of frames at whose time the rig's motion is not known that are told."""
+
+
+class MotionCheck:
+    """Counts frames at whose time the recorded motion of the rig is not known."""
+
+    def __init__(self, rig: Rig, topics: Sequence[str]) -> None:
+        self._topics, self._has_lidars, self._frames = ", ".join(topics), bool(rig.lidars), 0
+        self._unknown: list[int] = []
+
+    def add_frame(self, frame: FrameResult) -> None:
+        """Add one frame."""
+        bundle = frame.bundle
+        self._frames += 1
+        if bundle.motion is not None and not bundle.motion.covers(bundle.stamp_ns):
+            self._unknown.append(bundle.index)
+
+    @property
+    def warnings(self) -> tuple[RunWarning, ...]:
+        """One if it is not known in many frames: the odometry began late, ended early, paused or was recorded late."""
+        count = len(self._unknown)
+        if count < max(MIN_UNKNOWN, MIN_UNKNOWN_SHARE * self._frames):
+            return ()
+        span = f"in frames {self._unknown[0]} to {self._unknown[-1]}"
+        finding = f"the rig's motion is not known in {count} of {self._frames} frames, {span}"
+        remedy = "there, clouds are not compensated and tracks go by the clouds alone"
+        if not self._has_lidars:
+            remedy = "it counts as standing still there, so parked cars seem to drive: see --start and --duration"
+        return (RunWarning(self._topics, finding, remedy),)
 
 
 MIN_IMAGES = 10

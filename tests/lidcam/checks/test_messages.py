@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from frames import RIG, frame
 
-from lidcam.checks.messages import CameraCheck, GroundCheck, LidarCheck
+from lidcam.checks.messages import CameraCheck, GroundCheck, LidarCheck, MotionCheck
 from lidcam.pipeline.core.clouds import Plane
 from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.messages import Drop
+from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.combine import GroundConfig
 
 
@@ -50,6 +52,29 @@ def test_messages_that_cannot_be_decoded_are_not_called_empty() -> None:
     assert [str(warning) for warning in check.warnings] == [
         "lidar2: none of its 1 messages can be decoded; -v lists the reasons"
     ]
+
+
+@pytest.mark.parametrize(
+    ("unknown", "rig", "remedy"),
+    [
+        ([], RIG, None),
+        ([5, 6], RIG, None),
+        ([*range(20, 30)], RIG, "go by the clouds alone"),
+        ([0, 7, 29], replace(RIG, lidars=()), "parked cars seem to drive"),
+    ],
+)
+def test_frames_at_whose_time_the_odometry_tells_nothing(unknown: list[int], rig: Rig, remedy: str | None) -> None:
+    check, result = MotionCheck(rig, ["/odom"]), frame()
+    for number in range(30):
+        stamps_ns = result.bundle.stamp_ns + np.array([0, 10**8]) + 10**10 * (number in unknown)
+        motion = PoseSamples("site", "odom", stamps_ns, np.tile(np.eye(4), (2, 1, 1)))
+        check.add_frame(replace(result, bundle=replace(result.bundle, index=number, motion=motion)))
+    found = [str(warning) for warning in check.warnings]
+    assert len(found) == (remedy is not None)
+    if remedy:
+        span = f"in {len(unknown)} of 30 frames, in frames {unknown[0]} to {unknown[-1]}; "
+        assert f"/odom: the rig's motion is not known {span}" in found[0]
+        assert remedy in found[0]
 
 
 @pytest.mark.parametrize(
