@@ -13,7 +13,6 @@ from lidcam.pipeline.core.arrays import F64, I64, Table, check_array
 from lidcam.pipeline.core.camera import BORDER_PX
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
-from lidcam.pipeline.core.geometry.poses import interpolate_poses
 from lidcam.pipeline.core.tracks import NO_TRACK
 
 MAX_HIDDEN = 0.3
@@ -98,8 +97,7 @@ def _own_motion(motion: PoseSamples | None, stamp_ns: int) -> F64:
     """(6,) velocity of the site frame in itself, m/s and rad/s; zeros where unknown."""
     if motion is None or len(motion) < 2:
         return np.zeros(6)
-    around = np.array([stamp_ns - STEP_NS, stamp_ns + STEP_NS], np.int64)
-    before, after = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, around)
+    before, after = motion.at(stamp_ns - STEP_NS, stamp_ns + STEP_NS)
     step = np.linalg.inv(before) @ after
     turn = np.array([step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]]) / 2
     return np.concatenate([step[:3, 3], turn]) / (2e-9 * STEP_NS)

@@ -12,7 +12,6 @@ from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Detections, Fused, Hypotheses, Matches
 from lidcam.pipeline.core.errors import FrameError
 from lidcam.pipeline.core.geometry.pose_samples import OdometryPose, PoseSamples
-from lidcam.pipeline.core.geometry.poses import interpolate_poses
 from lidcam.pipeline.core.messages import Drop, RawMessage, VideoPart
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.settings.combine import MotionConfig
@@ -84,12 +83,7 @@ class SensorBundle:
             FrameError: the motion is that of another frame.
         """
         motion = self.motion_of(site_frame)
-        if motion is None or not len(motion):
-            return None
-        if len(motion) == 1:
-            return np.asarray(motion.T_fixed_moving[0])
-        wanted_ns = np.array([self.stamp_ns], np.int64)
-        return np.asarray(interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, wanted_ns)[0])
+        return motion.at(self.stamp_ns)[0] if motion is not None and len(motion) > 1 else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,6 +162,5 @@ def own_motion(bundle: SensorBundle, since_ns: int, site_frame: str, config: Mot
         return np.eye(4)
     if not motion.covers(since_ns, bundle.stamp_ns):
         return None
-    wanted_ns = np.array([since_ns, bundle.stamp_ns], np.int64)
-    then, now = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, wanted_ns)
+    then, now = motion.at(since_ns, bundle.stamp_ns)
     return np.asarray(np.linalg.inv(now) @ then)

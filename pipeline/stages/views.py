@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from lidcam.pipeline.core.frame import SensorBundle
-from lidcam.pipeline.core.geometry.poses import interpolate_poses
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.combine import MotionConfig
@@ -54,8 +53,7 @@ class Views:
         ]
         if not moved:
             return self._standing
-        wanted_ns = np.array([*(times_ns[name] for name in moved), bundle.stamp_ns], np.int64)
-        poses = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, wanted_ns)
+        poses = motion.at(*(times_ns[name] for name in moved), bundle.stamp_ns)
         T_then_now = np.linalg.inv(poses[:-1]) @ poses[-1]
         views = dict(self._standing)
         for name, matrix in zip(moved, T_then_now, strict=True):

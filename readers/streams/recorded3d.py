@@ -9,7 +9,6 @@ from lidcam.pipeline.core.detections import Boxes3D, Source
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.frame import Decoded, SensorBundle
 from lidcam.pipeline.core.geometry.posed_boxes import upright_boxes
-from lidcam.pipeline.core.geometry.poses import interpolate_poses
 from lidcam.pipeline.core.messages import Drop
 from lidcam.pipeline.core.rig import RecordedDetector, Rig
 from lidcam.pipeline.core.settings.config import Config
@@ -66,9 +65,7 @@ class RecordedBoxes3D:
             T_site_frame = detector.T_site_frame[frame].matrix
             if motion is None or stamp_ns == bundle.stamp_ns or not motion.covers(stamp_ns, bundle.stamp_ns):
                 return T_site_frame
-            then, now = interpolate_poses(
-                motion.stamps_ns, motion.T_fixed_moving, np.array([stamp_ns, bundle.stamp_ns], np.int64)
-            )
+            then, now = motion.at(stamp_ns, bundle.stamp_ns)
             return np.asarray(np.linalg.inv(now) @ then @ T_site_frame, np.float64)
         if frame not in detector.T_fixed_frame:
             raise MessageError(
@@ -78,7 +75,7 @@ class RecordedBoxes3D:
             raise MessageError(
                 f"{detector.topic}: its boxes are in frame {frame!r}, and where the site frame was in it is not known"
             )
-        (now,) = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.array([bundle.stamp_ns], np.int64))
+        (now,) = motion.at(bundle.stamp_ns)
         return np.asarray(np.linalg.inv(now) @ detector.T_fixed_frame[frame].matrix, np.float64)
 
     def _in_site(self, found: FoundObjects, rows: np.ndarray, T_site_frame: F64, stamp_ns: int) -> Boxes3D:

@@ -9,7 +9,6 @@ import numpy as np
 
 from lidcam.pipeline.core.errors import FrameError, LidcamError
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
-from lidcam.pipeline.core.geometry.poses import interpolate_poses
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
@@ -138,6 +137,5 @@ class _Motion:
         motion = self._buffer.window(stamp_ns)
         if not motion.covers(stamp_ns):
             return None
-        pose = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.array([stamp_ns], np.int64))[0]
-        T_fixed_site = Transform(self._source.fixed_frame_id, self._source.frame_id, pose)
+        T_fixed_site = Transform(self._source.fixed_frame_id, self._source.frame_id, motion.at(stamp_ns)[0])
         return (self._T_frame_fixed @ T_fixed_site).inverse()

@@ -16,7 +16,6 @@ import numpy as np
 import rerun as rr
 
 from lidcam.pipeline.core.frame import FrameResult
-from lidcam.pipeline.core.geometry.poses import interpolate_poses
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import Drop, RawMessage
 from lidcam.pipeline.core.optics.images import Image
@@ -269,7 +268,7 @@ class RerunResultWriter(ResultWriter):
             self._recording.log(FIXED, rr.Transform3D(scale=0.0))  # hides the way: where it lies is not known
             self._last_place = None
             return
-        pose = interpolate_poses(motion.stamps_ns, motion.T_fixed_moving, np.array([stamp_ns], np.int64))[0]
+        pose = motion.at(stamp_ns)[0]
         self._recording.log(FIXED, _transform(Transform(motion.fixed_frame_id, motion.frame_id, pose).inverse()))
         place = pose[:3, 3].tolist()
         step = [self._last_place or place, place]

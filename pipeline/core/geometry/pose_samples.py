@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64, CheckedTable, check_array
+from lidcam.pipeline.core.geometry.poses import interpolate_poses
 
 MAX_EXTRAPOLATION_NS = 200_000_000
 """Longest time before the first or after the last known pose in which the motion counts as known."""
@@ -40,6 +41,10 @@ class PoseSamples(CheckedTable):
         starts_near = around_ns[0] - MAX_EXTRAPOLATION_NS <= earliest_ns
         ends_near = latest_ns <= around_ns[-1] + MAX_EXTRAPOLATION_NS
         return bool(starts_near and ends_near and (np.diff(around_ns) <= MAX_GAP_NS).all())
+
+    def at(self, *times_ns: int) -> F64:
+        """(T, 4, 4) T_fixed_moving at some times; see `interpolate_poses`."""
+        return interpolate_poses(self.stamps_ns, self.T_fixed_moving, np.array(times_ns, np.int64))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
