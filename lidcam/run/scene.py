@@ -139,7 +139,9 @@ def find_motion(recording: Recording, config: Config, found: Discovery) -> tuple
         on_unused=unused.append,
     )
     if source is None and unused and clouds_show_motion(recording, found.rig, config):
-        notes = (f"odometry is not used, though the clouds show that the rig moves: {reason}" for reason in unused)
+        notes = (
+            f"recorded motion is not used, though the clouds show that the rig moves: {reason}" for reason in unused
+        )
         return None, replace(found, notes=(*found.notes, *notes))
     if source is None and config.combine.motion.enabled and not found.rig.lidars and site not in FIXED_FRAMES:
         note = (

@@ -74,7 +74,7 @@ def find_motion_source(
 
     Of several odometry topics the one with the most messages is used, then the first by name. `usual_delay_ns` is that
     of the sensors, log time minus stamp; None: the clock of the odometry is believed. `on_unused` gets the reason for
-    each odometry that is not used, but for that of objects in the scene.
+    each odometry or tf that is not used, but for those of objects in the scene.
 
     Raises:
         ConfigError: the configured topic has no odometry, or odometry of a frame that is not fixed to the site frame.
@@ -106,7 +106,16 @@ def find_motion_source(
             on_unused(str(err))
             continue
         return _with_clock_set(source, recording, first, usual_delay_ns)
-    return _of_tf(recording, rig, transforms)
+    found, site = _of_tf(recording, rig, transforms), rig.site_frame
+    for child, parent in transforms.moving.items() if found is None else ():
+        if parent in FIXED_FRAMES and not transforms.are_joined(site, parent):
+            on_unused(f"tf: {child!r} moves in {parent!r}, not joined with the site frame {site!r}; {_join(child)}")
+    return found
+
+
+def _join(child: str) -> str:
+    """What to do about motion of a frame that may be the rig's."""
+    return f"if it is of the rig, give the pose of {child!r} in a rig file (transforms)"
 
 
 class _OfObject(ConfigError):
@@ -130,10 +139,7 @@ def _of_odometry(
     try:
         return MotionSource((topic,), rig.site_frame, fixed, (transforms.lookup(child, rig.site_frame), child))
     except FrameError as err:
-        raise ConfigError(
-            f"{topic}: odometry of {child!r}, not of the site frame: {err}; if it is of the rig, give the pose of "
-            f"{child!r} in a rig file (transforms)"
-        ) from err
+        raise ConfigError(f"{topic}: odometry of {child!r}, not of the site frame: {err}; {_join(child)}") from err
 
 
 def _with_clock_set(

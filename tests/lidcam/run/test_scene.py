@@ -8,7 +8,7 @@ from typing import Any
 import lidar_scene
 import numpy as np
 import pytest
-from builders import odometry, pointcloud2, raw
+from builders import odometry, pointcloud2, raw, tf_message, transform_stamped
 from memory_recording import MemoryRecording
 
 from lidcam.pipeline.core.arrays import F32
@@ -168,6 +168,8 @@ def test_odometry_that_stands_still_while_the_clouds_move(
         (8, ("", "lidar"), "pose of 'lidar' in ''"),
         (8, ("lidar", "car1"), ""),  # where a car is in the scene
         (0, ("odom", "car1"), ""),
+        (8, ("odom", "tf"), r"tf: 'tf' moves in 'odom', .* in a rig file \(transforms\)"),
+        (8, ("lidar", "tf"), ""),
     ],
 )
 def test_odometry_that_may_be_of_a_moving_rig_is_named_with_a_remedy(
@@ -176,10 +178,13 @@ def test_odometry_that_may_be_of_a_moving_rig_is_named_with_a_remedy(
     frame_id, child = frames
     poses = [odometry(stamp_ns=START_NS + n, frame_id=frame_id, child_frame_id=child) for n in range(2)]
     messages = [raw("/odom", "nav_msgs/msg/Odometry", pose, START_NS + n) for n, pose in enumerate(poses)]
+    if child == "tf":
+        moves = [transform_stamped(frame_id, child, stamp_ns=START_NS, translation=(x, 0, 0)) for x in (0, 1)]
+        messages = [raw("/tf", "tf2_msgs/msg/TFMessage", tf_message([one]), START_NS) for one in moves]
     recording = MemoryRecording(drive(speed_m_s=speed_m_s, count=20) + messages)
     motion, found = find_motion(recording, Config(), discover_rig(recording, Config()))
     assert motion is None
-    notes = [note for note in found.notes if note.startswith("odometry is not used")]
+    notes = [note for note in found.notes if note.startswith("recorded motion is not used")]
     assert len(notes) == bool(remedy)
     assert all(re.search(remedy, note) for note in notes)
 
