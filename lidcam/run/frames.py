@@ -32,6 +32,9 @@ SHARE_OF_PERIOD, MAX_SLOW_INTERVAL_S = 0.55, 0.3
 MAX_MOTION_DELAY_NS = 1_000_000_000
 """Maximum time that a frame waits for odometry that is recorded late, nanoseconds of log time."""
 
+MAX_MOTION_BYTES = 256 << 20
+"""Maximum size of the messages of frames that wait for it, but for those of one frame."""
+
 NOT_EVERY = "of a frame that sync.every leaves out"
 """Reason of drops that the user asked for."""
 
@@ -300,6 +303,7 @@ def _with_motion(found: Iterator[SensorBundle], motion: MotionBuffer) -> Iterato
         while waiting and (
             (motion.newest_ns or 0) > waiting[0].stamp_ns
             or bundle.log_time_ns - waiting[0].log_time_ns >= MAX_MOTION_DELAY_NS
+            or sum(len(message.data) for one in waiting for message in one.messages.values()) > MAX_MOTION_BYTES
         ):
             yield _with_later_poses(waiting.popleft(), motion)
         waiting.append(replace(bundle, motion=motion.window(bundle.stamp_ns)))

@@ -20,8 +20,14 @@ def test_frames_that_are_left_out_hand_their_drops_on() -> None:
     assert [one.dropped_before for one in found] == [{("/a", "late"): drops} for drops in (1, 3, 3)]
 
 
-@pytest.mark.parametrize(("delay_ms", "known"), [(1, 30), (150, 30), (900, 30), (3000, 11)])  # the last second
-def test_frames_wait_for_odometry_that_is_recorded_late(delay_ms: int, known: int) -> None:
+@pytest.mark.parametrize(
+    ("delay_ms", "max_bytes", "known"),
+    [(1, 1 << 20, 30), (150, 1 << 20, 30), (900, 1 << 20, 30), (900, 1, 2), (3000, 1 << 20, 11)],  # the last second
+)
+def test_frames_wait_for_odometry_that_is_recorded_late(
+    delay_ms: int, max_bytes: int, known: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lidcam.run.frames.MAX_MOTION_BYTES", max_bytes)
     late_ns = (delay_ms - 1) * 1_000_000
     messages = [
         one._replace(log_time_ns=one.log_time_ns + late_ns * (one.topic == "/odom")) for one in small_drive(frames=30)
