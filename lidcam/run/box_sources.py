@@ -251,8 +251,8 @@ def add_boxes2d(
     given: FindInImage | None = None,
     *,
     on_bad: OnBadMessage,
-) -> tuple[Node[Decoded[Any]], Node[Mapping[str, Boxes2D]], frozenset[tuple[int, int]]]:
-    """The decoded messages of the cameras, the 2D boxes by camera name, and `Detect2D.riders`.
+) -> tuple[Node[Decoded[Any]], Node[Mapping[str, Boxes2D]], frozenset[tuple[int, int]], frozenset[int]]:
+    """The decoded messages of the cameras, the 2D boxes by camera name, `riders` and `unknown_ids` of `Detect2D`.
 
     Raises:
         ModelError: the network cannot be loaded.
@@ -260,10 +260,10 @@ def add_boxes2d(
     source = _wanted_boxes(config, rig)
     if source == "none":
         nothing = graph.add_stage("no 2D boxes", _no_boxes2d, graph.frame, timed=False)
-        return nothing, nothing, frozenset()
+        return nothing, nothing, frozenset(), frozenset()
     if source == "recorded":
         recorded = graph.add_stage("read 2D boxes", RecordedBoxes(rig, config, on_bad=on_bad), graph.frame)
-        return recorded, recorded, frozenset()
+        return recorded, recorded, frozenset(), frozenset()
     from lidcam.pipeline.stages.detect2d import Detect2D
 
     if given is not None:
@@ -272,7 +272,7 @@ def add_boxes2d(
         detect2d = Detect2D(rig, config, caller)
         called = partial(known.given_in_images, rig, detect2d, caller)
         boxes = graph.add_stage("detect 2D", called, graph.frame, images, combined)
-        return boxes, boxes, detect2d.riders
+        return boxes, boxes, detect2d.riders, detect2d.unknown_ids
     model = config.detect2d.model
     if not isinstance(model, Path):
         raise ModelError(
@@ -286,7 +286,7 @@ def add_boxes2d(
     detector = OnnxDetector2D(network_path(model), config.detect2d)
     detect2d = Detect2D(rig, config, detector)
     found = graph.add_stage("detect 2D", partial(known.in_images, rig, detect2d), graph.frame, images, combined)
-    return images, found, detect2d.riders
+    return images, found, detect2d.riders, detect2d.unknown_ids
 
 
 def _wanted_boxes(config: Config, rig: Rig) -> BoxSource:

@@ -61,7 +61,9 @@ def build_graph(
     clouds = graph.add_stage("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
     combined = graph.add_stage("combine", Combine(rig, config.combine), graph.frame, clouds)
     recorded3d, lidar = add_boxes3d(graph, config, rig, combined, known, given.in_cloud, on_bad=on_bad)
-    camera_data, boxes2d, riders = add_boxes2d(graph, config, rig, combined, known, given.in_images, on_bad=on_bad)
+    camera_data, boxes2d, riders, unknown_ids = add_boxes2d(
+        graph, config, rig, combined, known, given.in_images, on_bad=on_bad
+    )
     views = graph.add_stage("views", Views(rig, config.combine.motion), graph.frame)
     place = Place(rig, config.fuse, config.classes, ground_distance_m=config.combine.ground.distance_m)
     placed = graph.add_stage("place", place, combined, boxes2d, views)
@@ -81,7 +83,7 @@ def build_graph(
     hypotheses = graph.add_stage("reshape", reshape, combined, hypotheses, lidar)
     hypotheses = graph.add_stage("refine", Refine(rig, config.fuse), hypotheses, boxes2d, views)
     hypotheses = graph.add_stage("doubt", DoubtHeadings(config.detect3d, config.classes), hypotheses)
-    look = partial(find_visibility, agreement=class_agreement(config.classes, riders))
+    look = partial(find_visibility, agreement=class_agreement(config.classes, riders), unknown_ids=unknown_ids)
     visibility = graph.add_stage("visibility", look, hypotheses, boxes2d, views, combined)
     believe = Believe(
         rig,

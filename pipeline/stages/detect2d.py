@@ -29,7 +29,11 @@ NMS_IOU_ANY = 0.6
 
 
 class Detect2D:
-    """Boxes of the configured classes in the images of a frame."""
+    """Boxes of the configured classes in the images of a frame.
+
+    Attributes:
+        unknown_ids: Classes that the detector has no label of: it says nothing of their objects.
+    """
 
     def __init__(self, rig: Rig, config: Config, detector: Detector2D) -> None:
         """Map the detector's labels to the configured classes, ignoring case; labels of no class are ignored.
@@ -53,6 +57,7 @@ class Detect2D:
                 f"classes: expected labels that the 2D detector knows ({listed}), "
                 f"found {', '.join(class_id_of_label)}; add them to classes.N.labels"
             )
+        self.unknown_ids = frozenset(range(len(config.classes))).difference(self._class_ids.tolist())
         self._rig, self._settings = rig, config.detect2d
         people_m = [prior.size_m[2] for prior in config.classes if prior.is_upright]
         cuts = self._settings.input == "auto" and self._settings.method != "callable"  # which gets the images alone

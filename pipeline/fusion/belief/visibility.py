@@ -9,7 +9,7 @@ Occlusion does not depend on the lens: cells are of equal size in the plane one 
 distortion. The ground is left out, since a cell at the foot of an object also holds the ground in front of it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -73,6 +73,7 @@ def find_visibility(
     views: Mapping[str, CameraSensor],
     combined: CombinedCloud,
     agreement: F64,
+    unknown_ids: Collection[int] = (),
 ) -> Visibility:
     """Visibility of N hypotheses in the site frame for the cameras of `boxes2d`.
 
@@ -82,6 +83,7 @@ def find_visibility(
         views: The cameras at the times of their images.
         combined: Clouds that may hide something.
         agreement: (K, K) from `class_agreement`.
+        unknown_ids: `Detect2D.unknown_ids`. Boxes of these classes count as out of view unless they have a 2D box.
     """
     boxes, cameras = hypotheses.boxes, tuple(name for name in hypotheses.matches if name in boxes2d)
     shape = len(cameras), len(boxes)
@@ -91,8 +93,12 @@ def find_visibility(
         out_of_view, size_px = np.zeros(shape, np.bool_), np.zeros(shape)
         return Visibility(cameras, out_of_view, size_px, visible, out_of_view, is_matched, scores, iou, agreed)
     matches, models = [hypotheses.matches[name] for name in cameras], [views[name].model for name in cameras]
+    rows, found = np.concatenate([one.pairs for one in matches]).T
+    camera = np.repeat(np.arange(len(cameras)), [len(one) for one in matches])
+    found += np.cumsum([0, *(len(boxes2d[name]) for name in cameras)])[camera]
+    is_matched[camera, rows] = True
     projected = np.array([one.projected_xyxy for one in matches])
-    in_view = np.isfinite(projected[..., 0])
+    in_view = np.isfinite(projected[..., 0]) & (is_matched | ~np.isin(boxes.class_ids, [*unknown_ids]))
     xyxy = np.where(in_view[..., None], projected, np.float32(0))
     extent = xyxy[..., 2:] - xyxy[..., :2]
     border = np.array([(model.width_px, model.height_px) for model in models], np.float32)[:, None] - BORDER_PX
@@ -101,10 +107,6 @@ def find_visibility(
     corners = box_corners(boxes.centers, boxes.sizes, boxes.yaws)
     covered = hidden_by_points([views[name] for name in cameras], combined.detection_cloud.xyz, corners, *pairs)
     visible[pairs] = 1 - np.maximum(covered, np.array([one.hidden for one in matches])[pairs])
-    rows, found = np.concatenate([one.pairs for one in matches]).T
-    camera = np.repeat(np.arange(len(cameras)), [len(one) for one in matches])
-    found += np.cumsum([0, *(len(boxes2d[name]) for name in cameras)])[camera]
-    is_matched[camera, rows] = True
     named = np.concatenate([boxes2d[name].class_ids for name in cameras])[found]
     agreed[camera, rows] = agreement[boxes.class_ids[rows], named]
     scores[camera, rows] = np.concatenate([boxes2d[name].scores for name in cameras])[found]

@@ -86,6 +86,11 @@ def test_who_may_be_a_rider() -> None:
     assert not stage_of(Proposals([], ("person", "bicycle", "cyclist"))).riders
 
 
+def test_what_a_detector_has_no_name_for() -> None:
+    unknown = stage_of(Proposals([], ("Person", "cyclist", "kite"))).unknown_ids
+    assert [Config().class_names[row] for row in sorted(unknown)] == ["car", "truck", "bus"]
+
+
 def test_a_rider_and_the_bicycle_are_one() -> None:
     rows: list[Row] = [(20, 10, 40, 60, 0.8, "person"), (10, 40, 50, 70, 0.6, "bicycle"), CAR]
     assert detect(rows) == [FOUND, ([10, 10, 50, 70], 0.8, "bicycle")]

@@ -56,6 +56,13 @@ def test_a_match_with_its_score_and_its_overlap() -> None:
     np.testing.assert_allclose(seen.iou, [[0.0, 0.8, 0.0]], rtol=1e-6)
 
 
+def test_a_detector_without_a_name_for_a_class_does_not_look_for_it() -> None:
+    found = hypotheses(boxes3d([CAR, CAR, ASIDE], class_ids=[0, 1, 1]), (1, 0))
+    seen = find_visibility(found, {"cam": boxes2d([(0, 0, 9, 9, 0.7, 0)])}, {"cam": VIEW}, NO_POINTS, AGREEMENT, {1})
+    assert seen.in_view.tolist() == [[True, True, False]]
+    assert seen.size_px[0, 2] == 0
+
+
 def test_points_and_objects_in_front_hide() -> None:
     points = combined(wall(8.0, (-1, 1), (-1, 1)).astype(np.float64))
     boxes, empty = boxes3d([CAR, ASIDE]), {"cam": boxes2d([])}
