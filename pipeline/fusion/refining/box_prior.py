@@ -101,10 +101,11 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     Args:
         boxes: N boxes.
         lidar_xy: (L, 2) positions of the lidars, metres.
-        config: `lidar_sigma_scale`.
+        config: `lidar_sigma_scale`, for boxes that the lidars see.
     """
     extents, is_seen = boxes.sizes[:, :2], boxes.sources != Source.CAMERA.value
-    known = known_covariances(boxes, lidar_xy) * config.lidar_sigma_scale**2
+    scale = np.where(is_seen, config.lidar_sigma_scale**2, 1.0)
+    known = known_covariances(boxes, lidar_xy) * scale[:, None, None]
     yaw_variances = known[:, 2, 2].clip(MIN_YAW_SIGMA_RAD**2, MAX_YAW_SIGMA_RAD**2)
     shrunk = np.ones((len(boxes), 3))
     shrunk[:, 2] = np.sqrt(yaw_variances / np.maximum(known[:, 2, 2], 1e-12))

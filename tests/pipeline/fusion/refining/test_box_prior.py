@@ -1,3 +1,4 @@
+from dataclasses import replace
 from unittest.mock import patch
 
 import numpy as np
@@ -33,6 +34,13 @@ def test_covariances_are_regular_whatever_the_boxes_say(seed: int, max_size_shar
     assert (np.linalg.eigvalsh(prior.covariances / scale[:, :, None] / scale[:, None]) > 0).all()
     assert np.isfinite(prior.information).all()
     assert ((prior.yaw_shares > 0) & (prior.yaw_shares <= 1)).all()
+
+
+def test_the_scale_of_the_lidars_is_not_that_of_boxes_by_cameras() -> None:
+    boxes = boxes3d([[10.0, 0, 0, 2, 2, 2, 0]] * 3, deviations=[0.1, 0.1, 0.1])
+    boxes = replace(boxes, sources=np.arange(3, dtype=np.uint8))
+    stds = [np.sqrt(box_prior(boxes, LIDARS, FuseConfig(lidar_sigma_scale=s)).covariances[:, 1, 1]) for s in (1, 2)]
+    np.testing.assert_allclose(stds[1] / stds[0], [2, 1, 2], rtol=0.05)
 
 
 def test_a_longer_box_is_centred_farther_from_the_lidar() -> None:
