@@ -17,8 +17,8 @@ The coefficients in use were fitted to simulated recordings (6 s of `crossing` a
 boxes of the simulator) and five labelled frames of KITTI (2D boxes of YOLOX-nano), each of the four with the same
 weight. The expected calibration error of a class is 0.00 to 0.02 (crossing), 0.02 to 0.09 (vehicle), 0.03 (sandbox),
 0.00 to 0.18 (KITTI); of 769, 851, 200 and 9 right hypotheses a threshold of 0.5 finds 750, 810, 200 and 9, with 2, 38,
-0 and 0 false ones. `missed`, `match_score`, `match_iou`, `frustum_score` and `further` are at the limits of the fit:
-one simulated detector finds more, and is surer and more exact, than networks. Of 0, -1, -1.5 and -2, `in_view` is best
+0 and 0 false ones. `match_score`, `match_iou` and `further` are at the limits of the fit: one simulated detector finds
+more, and is surer and more exact, than networks. Of 0, -1, -1.5 and -2, `in_view` is best
 at -2 for 35 labelled frames of KITTI with YOLOX-nano and the network `traffic`, and at -1 for the simulated recordings,
 with little loss at -2; most false people of the real frames are one post, seen in five frames, and unlabelled people
 far away.
@@ -71,10 +71,8 @@ MIN_PROBABILITY = 1e-3  # no probability is taken to be nearer to 0 or 1
 ROUNDS = 3  # labels and what is learned during a run depend on the coefficients, and are made anew in each
 
 LIMITS = {
-    "missed": (0.5, 1.0),
     "match_score": (0.3, 1.5),
     "match_iou": (2.0, 6.0),
-    "frustum_score": (0.0, 1.0),
     "further": (0.3, 0.8),
 }
 """Recordings of one network and one simulator may not say more: others find less, and are less sure and less exact."""

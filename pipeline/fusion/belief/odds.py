@@ -48,11 +48,9 @@ class Coefficients(NamedTuple):
     lidar_points: float  # Factor of the logarithm of the number of its points
     placed: float  # Log odds of an object placed by a camera alone, without its 2D box
     frustum: float  # Log odds of an object whose points were sought in the frustum of a 2D box, without that box
-    frustum_score: float  # Factor of the logit of the score of its points
     match: float  # Log likelihood ratio of a match with a 2D box of score 0.5 and no overlap
     match_score: float  # Factor of the logit of the 2D score
     match_iou: float  # Factor of the overlap
-    missed: float  # Factor of the log likelihood of not being found by a camera that should have
     further: float  # Weight of each further camera that agrees with the first: cameras are not independent
     # Added to the log odds of a network's lidar box in view of a camera: false people in a cloud often look like people
     # in an image, too
@@ -66,11 +64,9 @@ FITTED = Coefficients(
     lidar_points=0.32,
     placed=-6.8,
     frustum=-1.5,
-    frustum_score=0.0,
     match=0.77,
     match_score=1.5,
     match_iou=6.0,
-    missed=1.0,
     further=0.8,
     in_view=-2.0,
 )
@@ -109,7 +105,7 @@ def log_odds_before_cameras(
             `PEOPLE_LOG_ODDS` is added to all of them.
     """
     score, points = logit(scores), np.log(np.maximum(point_counts, 1))
-    proposed = np.where(sources == Source.CAMERA.value, by.placed, by.frustum + by.frustum_score * score)
+    proposed = np.where(sources == Source.CAMERA.value, by.placed, by.frustum)
     if in_view is not None:
         upright = np.zeros(len(score), np.bool_) if are_upright is None else are_upright
         rated = score + by.in_view * np.where(upright, in_view[0], VEHICLE_SHARE * in_view[1])
@@ -143,7 +139,7 @@ def camera_evidence(visibility: Visibility, plain_recall: F64, by: Coefficients)
     """
     ratio = by.match + by.match_score * logit(visibility.scores) + by.match_iou * visibility.iou
     recall = plain_recall * _shown(visibility) * np.where(visibility.is_cut, CUT_RECALL, 1.0) * visibility.in_view
-    missed = by.missed * np.log1p(-np.minimum(recall, MAX_RECALL))
+    missed = np.log1p(-np.minimum(recall, MAX_RECALL))
     # A box of another class counts no more against it than none.
     matched = np.maximum(ratio + visibility.agreement, np.minimum(ratio, missed))
     return np.asarray(np.where(visibility.is_matched, matched, missed))
