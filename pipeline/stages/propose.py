@@ -97,13 +97,14 @@ class Propose:
         left = placed.boxes.select(unserved & ~is_vague)
         there = lidar.select(is_matched).joined(new)
         apart = np.flatnonzero((overlap_shares(left, there) <= OVERLAP_SHARE).all(1))
-        return Proposed(lidar.joined(new, left.select(apart)), +left_out)
+        more = new.joined(left.select(apart))
+        return Proposed(lidar.joined(more) if len(more) else lidar, +left_out)
 
     def _is_too_large(self, lidar: Boxes3D, sightings: Sightings, partner: I64) -> Bools:
         """(P,) whether the partner of each 2D box covers more ground than any object of the class of the 2D box."""
         too_large = np.zeros(len(partner), np.bool_)
         rows = np.flatnonzero(partner >= 0)
-        too_large[rows] = _ground_m2(lidar)[partner[rows]] > self._max_ground_m2[sightings.class_ids[rows]]
+        too_large[rows] = lidar.sizes[partner[rows], :2].prod(1) > self._max_ground_m2[sightings.class_ids[rows]]
         return too_large
 
 
@@ -128,10 +129,6 @@ def _are_lidar_boxes(boxes: Boxes3D, lidar: Boxes3D, is_matched: Bools) -> Bools
     rival = is_matched & (overlap_shares(boxes, lidar, bev) > OVERLAP_SHARE)
     same = same_class & (bev > MIN_SAME_IOU)
     return np.asarray((rival | same).any(1))
-
-
-def _ground_m2(boxes: Boxes3D) -> F64:
-    return np.asarray(boxes.sizes[:, 0] * boxes.sizes[:, 1])
 
 
 def _largest_std_m(boxes: Boxes3D) -> F64:

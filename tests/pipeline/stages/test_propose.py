@@ -99,6 +99,12 @@ def test_2d_boxes_that_propose_no_object_are_counted_by_reason(monkeypatch: pyte
     assert left_out(three.select(np.arange(0))) == {}
 
 
+def test_hypotheses_are_the_boxes_of_the_lidar_where_2d_boxes_add_nothing() -> None:
+    far = (90.0, 2.0, 0.775, 4.2, 1.75, 1.55, 0.2)
+    lidar, found = propose(np.zeros((0, 3)), nothing(), {"cam": seen_by(CAMERA, [far], [CAR])}, CAMERA)
+    assert found is lidar, "so that they are not associated again"
+
+
 def test_one_object_seen_by_two_cameras_is_proposed_once() -> None:
     other = camera_at("other", (0.0, 6.0, 3.0), yaw_deg=-10, pitch_deg=5)
     boxes = {c.name: seen_by(c, [CAR_BOX], [CAR]) for c in (CAMERA, other)}
