@@ -55,11 +55,11 @@ class Place:
             views: By camera name, for every camera of the rig.
         """
         sightings = see(views, boxes2d)
-        out_of_image = len(FoundBoxes.of(boxes2d, tuple(views))) - len(sightings)
+        out_of_view = len(FoundBoxes.of(boxes2d, tuple(views))) - len(sightings)
         stamp_ns = combined.cloud.stamp_ns
         if not len(sightings):
             none = np.zeros(0, np.int64)
-            return Placed(Boxes3D.empty(stamp_ns, self._site_frame), sightings, none, Placements.empty(), out_of_image)
+            return Placed(Boxes3D.empty(stamp_ns, self._site_frame), sightings, none, Placements.empty(), out_of_view)
         ground_m = partial(combined.ground_m, level_m=self._ground_height_m)
         placements = place(sightings, self._priors, ground_m, self._noise)
         objects, merged = merge_sightings(placements, sightings.cameras, sightings.class_ids)
@@ -86,4 +86,4 @@ class Place:
             sources=np.full(count, Source.CAMERA.value, np.uint8),
             measured_ns=stamp_ns + since_ns // np.maximum(seen, 1),
         )
-        return Placed(boxes, sightings, objects, placements, out_of_image)
+        return Placed(boxes, sightings, objects, placements, out_of_view)

@@ -28,8 +28,8 @@ MAX_UNMATCHED = 500
 TOO_MANY = f"not among the {MAX_UNMATCHED} best without a 3D box in a frame"
 """Reason of an unmatched 2D box beyond `MAX_UNMATCHED`."""
 
-OUT_OF_IMAGE = "nothing of it lies in the image"
-"""Reason of an unmatched 2D box outside of the image."""
+OUT_OF_VIEW = "outside of the image, or reaches beyond its lens model (as 90 degrees)"
+"""Reason of an unmatched 2D box whose edges have no rays."""
 
 TOO_VAGUE = "no lidar points there, and distance unknown"
 """Reason of an unmatched 2D box whose object has no points and an uncertain position."""
@@ -76,7 +76,7 @@ class Propose:
         partner[self._is_too_large(lidar, sightings, partner)] = -1
         is_served = partner >= 0
         alone = np.flatnonzero(~is_served)
-        left_out = Counter({OUT_OF_IMAGE: placed.out_of_image, TOO_MANY: max(len(alone) - MAX_UNMATCHED, 0)})
+        left_out = Counter({OUT_OF_VIEW: placed.out_of_view, TOO_MANY: max(len(alone) - MAX_UNMATCHED, 0)})
         if not len(alone):
             return Proposed(lidar, +left_out)
         alone = np.sort(alone[np.argsort(-sightings.scores[alone], kind="stable")[:MAX_UNMATCHED]])

@@ -83,7 +83,7 @@ class Observed(NamedTuple):
 
 
 def see(views: Mapping[str, CameraSensor], boxes2d: Mapping[str, Boxes2D]) -> Sightings:
-    """The boxes of all cameras, but for those outside of the image."""
+    """The boxes of all cameras, but for those outside of the image or partly beyond its lens model."""
     found = FoundBoxes.of(boxes2d, tuple(views))
     rig = camera_arrays(tuple(views.values()))
     cameras = rig.select(found.cameras)

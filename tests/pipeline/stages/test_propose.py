@@ -52,9 +52,9 @@ def propose(
     return lidar, proposed(sensors, frame, lidar, boxes2d).boxes
 
 
-def left_out(boxes: Boxes2D) -> Mapping[str, int]:
+def left_out(boxes: Boxes2D, camera: CameraSensor = CAMERA) -> Mapping[str, int]:
     """What is left out of the 2D boxes of one camera, without points."""
-    return proposed(with_cameras(CAMERA), combined(np.zeros((0, 3))), nothing(), {"cam": boxes}).left_out
+    return proposed(with_cameras(camera), combined(np.zeros((0, 3))), nothing(), {"cam": boxes}).left_out
 
 
 def nothing() -> Boxes3D:
@@ -93,10 +93,15 @@ def test_2d_boxes_that_propose_no_object_are_counted_by_reason(monkeypatch: pyte
     three = seen_by(CAMERA, [CAR_BOX, OTHER, far], [CAR] * 3)
     assert left_out(three) == {propose_stage.TOO_VAGUE: 1}
     outside = three.xyxy + np.array([[0, 0, 0, 0], [2000, 0, 2000, 0], [0, 0, 0, 0]], np.float32)
-    assert left_out(replace(three, xyxy=outside)) == {propose_stage.OUT_OF_IMAGE: 1, propose_stage.TOO_VAGUE: 1}
+    assert left_out(replace(three, xyxy=outside)) == {propose_stage.OUT_OF_VIEW: 1, propose_stage.TOO_VAGUE: 1}
     monkeypatch.setattr(propose_stage, "MAX_UNMATCHED", 1)
     assert left_out(replace(three, scores=np.array([0.5, 0.9, 0.4], np.float32))) == {propose_stage.TOO_MANY: 2}
     assert left_out(three.select(np.arange(0))) == {}
+    fisheye = replace(CAMERA, model=replace(CAMERA.model.zoomed(0.3), model="equidistant"))
+    beside = boxes2d([(200, 300, 400, 450, 0.9, CAR)])
+    assert left_out(beside, fisheye) == {propose_stage.OUT_OF_VIEW: 1}, (
+        "it reaches from 51 to 93 degrees"
+    )
 
 
 def test_hypotheses_are_the_boxes_of_the_lidar_where_2d_boxes_add_nothing() -> None:
