@@ -100,7 +100,7 @@ class Weighed:
 
     def starts(self, frames: Sequence[WeighedFrame]) -> "tuple[Start, Start]":
         """The evidence before a camera is asked of all hypotheses of frames, and of all lidar boxes by themselves."""
-        asked = [(one.boxes, one.lidar_count, view_shares(one.visibility)) for one in frames]
+        asked = [(one.boxes, one.lidar_count, view_shares(one.visibility).max(1, initial=0.0)) for one in frames]
         alone = [(one.alone, len(one.alone), np.zeros((2, len(one.alone)))) for one in frames]
         return Start.of(self.config, asked), Start.of(self.config, alone)
 

@@ -2,9 +2,9 @@
 
 The lidars' score is turned into a probability, since its meaning differs between classes. A matched 2D box counts for
 an object. A camera that has it in view, unhidden, without a 2D box counts against it, by the camera's recall for
-objects of that size, which is counted during the run. Between the images of a camera its latest evidence counts with
-falling weight; without any, the lidars decide. The probability that the object is at its position, by its covariance,
-counts as well: it is small for objects that cameras place by the ground alone.
+objects of that size, which is counted during the run. Between the images of a camera its latest evidence, and how well
+it saw the object, count with falling weight; without any, the lidars decide. The probability that the object is at its
+position, by its covariance, counts as well: it is small for objects that cameras place by the ground alone.
 """
 
 from collections.abc import Sequence
@@ -53,7 +53,7 @@ class Believe:
         self._radii_m = match_radii_m(classes)
         self._cameras = [camera.name for camera in rig.cameras]
         self._recall = RecallCounts(self._cameras)
-        self._memory, self._last_ns = Memory(classes, len(rig.cameras)), 0
+        self._memory, self._last_ns = Memory(classes, 3 * len(rig.cameras)), 0  # evidence and `view_shares` of each
         self._site_frame, self._motion = rig.site_frame, motion
 
     def __call__(self, hypotheses: Hypotheses, visibility: Visibility, bundle: SensorBundle) -> F64:
@@ -69,22 +69,24 @@ class Believe:
         Raises:
             FrameError: the motion is that of a frame other than the site frame.
         """
-        before = self._before_cameras(hypotheses, view_shares(visibility) * self._has_network)
         by_camera = camera_evidence(visibility, self._recall.plain(visibility), FITTED)
-        self._recall.learn(visibility, before, by_camera, FITTED)
         boxes, look = hypotheses.boxes, np.isin(self._cameras, visibility.cameras)
         rows = [self._cameras.index(name) for name in visibility.cameras]
-        evidence = np.zeros((len(self._cameras), len(boxes)))
-        is_seen = np.zeros(evidence.shape, np.bool_)
-        evidence[rows], is_seen[rows] = by_camera, visibility.in_view
+        shape = len(self._cameras), len(boxes)
+        found, is_seen = np.zeros((3, *shape)), np.zeros(shape, np.bool_)
+        found[:, rows], is_seen[rows] = [by_camera, *view_shares(visibility)], visibility.in_view
         self._memory.advance(
             (bundle.stamp_ns - self._last_ns) / 1e9, own_motion(bundle, self._last_ns, self._site_frame, self._motion)
         )
         self._last_ns = bundle.stamp_ns
-        recalled = self._memory.recalled(boxes, ~look[:, None] & self._could_see(hypotheses))
-        self._memory.remember(boxes, is_seen, evidence, look)
+        is_asked = ~look[:, None] & self._could_see(hypotheses)
+        recalled = self._memory.recalled(boxes, np.tile(is_asked, (3, 1))).reshape(found.shape)
+        self._memory.remember(boxes, np.tile(is_seen, (3, 1)), np.concatenate(found), np.tile(look, 3))
+        evidence, *shares = found + recalled
+        before = self._before_cameras(hypotheses, np.max(shares, axis=1, initial=0.0) * self._has_network)
+        self._recall.learn(visibility, before, by_camera, FITTED)
         position = position_probability(boxes.covariances, self._radii_m[boxes.class_ids])
-        return probability(before + joined(evidence + recalled, FITTED)) * position
+        return probability(before + joined(evidence, FITTED)) * position
 
     def _before_cameras(self, hypotheses: Hypotheses, in_view: F64) -> F64:
         boxes = hypotheses.boxes

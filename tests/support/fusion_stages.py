@@ -36,6 +36,6 @@ def reshape_of(rig: Rig, config: Config) -> Reshape:
 
 def believe_of(rig: Rig, config: Config = CONFIG) -> Believe:
     """Belief in a rig."""
-    is_calibrated = config.detect3d.scores_are_probabilities
+    is_calibrated, has_network = config.detect3d.scores_are_probabilities, config.detect3d.has_network
     motion = config.combine.motion
-    return Believe(rig, config.classes, motion, scores_are_probabilities=is_calibrated)
+    return Believe(rig, config.classes, motion, scores_are_probabilities=is_calibrated, has_network=has_network)

@@ -98,8 +98,8 @@ def log_odds_before_cameras(
         sources: (N,) `Source` of each box.
         is_lidar: (N,) whether the lidars found it; 2D boxes propose the others.
         by: Coefficients.
-        in_view: (2, N) `view_shares` of each box of a network, if the lidars' scores are probabilities; None for
-            geometric scores of clusters.
+        in_view: (2, N) the best of the `view_shares` of each box of a network, if the lidars' scores are probabilities;
+            None for geometric scores of clusters.
         are_upright: (N,) whether their classes are people, on foot or riding; with `in_view`. In view of a camera,
             they are at least as probable as what a 2D box proposes by itself, as scores say little of people, and
             `PEOPLE_LOG_ODDS` is added to all of them.
@@ -146,14 +146,12 @@ def camera_evidence(visibility: Visibility, plain_recall: F64, by: Coefficients)
 
 
 def view_shares(visibility: Visibility) -> F64:
-    """(2, N) how well the best camera sees each box, from 0 (not in view, or hidden) to 1 (in full view).
+    """(2, C, N) how well each camera sees each box, from 0 (not in view, or hidden) to 1 (in full view).
 
     The second row leaves out how much is hidden, as long as a part shows.
     """
-    nobody = np.zeros((2, 1, visibility.visible.shape[1]))
     shown = _shown(visibility)
-    seen = np.stack([shown, shown > 0]) * visibility.in_view * np.where(visibility.is_cut, CUT_RECALL, 1.0)
-    return np.asarray(np.concatenate([nobody, seen], axis=1).max(1))
+    return np.stack([shown, shown > 0]) * visibility.in_view * np.where(visibility.is_cut, CUT_RECALL, 1.0)
 
 
 def _shown(visibility: Visibility) -> F64:

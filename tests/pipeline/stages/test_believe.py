@@ -109,6 +109,13 @@ def test_what_a_camera_said_counts_while_it_does_not_look_and_never_when_it_does
     assert after(SEEN, (0, 0), gap_s=0.1, then=NOTHING) < alone, "silence has the last word"
 
 
+def test_a_post_that_a_slow_camera_doubts_does_not_come_and_go_with_its_images() -> None:
+    believe = believe_of(RIG, Config(detect3d=Detect3DConfig(method="combined")))
+    post = hypotheses(boxes3d([(12.0, 0.0, 0.0, 0.7, 0.7, 1.7, 0.0)], scores=[0.93], class_ids=[1]))
+    beliefs = [believe(post, seen_in(post, seen), at(0.1 * k))[0] for k, seen in enumerate((NOTHING, {}, NOTHING, {}))]
+    assert max(beliefs) < 0.5, beliefs
+
+
 def test_a_slow_camera_is_not_forgotten_while_another_looks() -> None:
     """One confirms a car in every other frame, the other finds nothing in all."""
     views = {name: replace(VIEW, name=name) for name in ("fast", "slow")}

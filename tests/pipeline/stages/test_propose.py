@@ -99,9 +99,7 @@ def test_2d_boxes_that_propose_no_object_are_counted_by_reason(monkeypatch: pyte
     assert left_out(three.select(np.arange(0))) == {}
     fisheye = replace(CAMERA, model=replace(CAMERA.model.zoomed(0.3), model="equidistant"))
     beside = boxes2d([(200, 300, 400, 450, 0.9, CAR)])
-    assert left_out(beside, fisheye) == {propose_stage.OUT_OF_VIEW: 1}, (
-        "it reaches from 51 to 93 degrees"
-    )
+    assert left_out(beside, fisheye) == {propose_stage.OUT_OF_VIEW: 1}, "it reaches from 51 to 93 degrees"
 
 
 def test_hypotheses_are_the_boxes_of_the_lidar_where_2d_boxes_add_nothing() -> None:

@@ -103,7 +103,7 @@ def test_a_networks_box_counts_less_as_far_as_a_camera_sees_it() -> None:
     ],
 )
 def test_how_well_a_camera_sees_a_box(seen: Visibility, shares: list[float]) -> None:
-    assert view_shares(seen)[:, 0].tolist() == pytest.approx(shares)
+    assert view_shares(seen)[:, 0, 0].tolist() == pytest.approx(shares)
 
 
 def test_improbable_people_in_view_are_as_probable_as_what_a_2d_box_proposes() -> None:
