@@ -72,6 +72,18 @@ def test_the_functions_are_used_and_the_number_of_processes_changes_no_byte(
     assert lidcam.load(results[0]).summary.sensors.box_source_3d == "callable"
 
 
+def test_a_detector_says_nothing_of_classes_that_it_has_no_name_for() -> None:
+    def beliefs_in_cars(*labels: str) -> float:
+        def look(_: Any) -> lidcam.Found2D:
+            return lidcam.Found2D([], [], [])
+
+        look.labels = labels  # type: ignore[attr-defined]
+        frames = lidcam.iter_frames(CROSSING, detector_2d=look, workers=1, duration_s=0.3)
+        return float(sum(one.beliefs[one.hypotheses.boxes.class_ids == 0].sum() for one in frames))
+
+    assert beliefs_in_cars("person", "car") < 0.8 * beliefs_in_cars("person")
+
+
 def test_a_function_of_a_script_stays_in_its_process(engine: Any, caplog: pytest.LogCaptureFixture) -> None:
     def find(points: Any) -> lidcam.Found3D:
         found: lidcam.Found3D = engine.find(points)
