@@ -14,8 +14,8 @@ from lidcam.bags.simulator.recorder.files import (
     recording_names,
     ros_version_of,
 )
+from lidcam.bags.simulator.recorder.processes import simulating
 from lidcam.bags.simulator.recorder.recorded import Recorded
-from lidcam.bags.simulator.recorder.start import simulating
 from lidcam.bags.simulator.scenario.load import load_scenario, overridden
 from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.bags.simulator.worlds.errors import with_errors
@@ -159,7 +159,7 @@ def recording_to(
         OutputTransaction(files, check_old=check_old) as outputs,
         simulating(scenario, ros_version=version, workers=workers, driven=driven) as simulation,
     ):
-        from lidcam.bags.simulator.recorder.true_rig import true_rig  # OpenCV, which a simulation has loaded by now
+        from lidcam.bags.simulator.recorder.stage import true_rig  # OpenCV, which a simulation has loaded by now
 
         rig = rig_yaml(true_rig(scenario))
         with recording_file(outputs, output, rig_yaml=rig, scenario_yaml=text) as write:

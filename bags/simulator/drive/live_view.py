@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 
 from lidcam.bags.simulator.recorder.recorded import Recorded
 from lidcam.bags.simulator.recorder.simulation import TRUTH_TOPIC, Simulation
-from lidcam.bags.simulator.recorder.true_rig import T_carrier_sensor
+from lidcam.bags.simulator.recorder.stage import T_carrier_sensor
 from lidcam.bags.simulator.scenario.sensors import SensorScenario
 from lidcam.bags.simulator.sensors.lens import camera_model
 from lidcam.pipeline.core.ros.messages import RosMessages

@@ -20,10 +20,8 @@ from lidcam.bags.simulator.recorder.messages import (
 from lidcam.bags.simulator.recorder.processes import SensingProcess
 from lidcam.bags.simulator.recorder.recorded import STEP_NS, Measured, Recorded, SensingTask
 from lidcam.bags.simulator.recorder.sensing import Sensing
-from lidcam.bags.simulator.recorder.stage import Stage
-from lidcam.bags.simulator.recorder.true_rig import recorded_extrinsics
-from lidcam.bags.simulator.scenario.scenario import EGO_FRAME
-from lidcam.bags.simulator.scenario.traffic import command_topic, controller_topics
+from lidcam.bags.simulator.recorder.stage import Stage, recorded_extrinsics
+from lidcam.bags.simulator.scenario.scenario import EGO_FRAME, command_topic, controller_topics
 from lidcam.bags.simulator.vehicles.ackermann import AckermannCommand
 from lidcam.bags.simulator.vehicles.trajectory import State
 from lidcam.bags.simulator.world.bodies.dimensions import shape_of
@@ -157,7 +155,7 @@ def moments(rate_hz: float, begin_ns: int, until_ns: int) -> Iterator[int]:
 
 
 class Simulation:
-    """A running scenario; `recorder.start.simulating` starts one, with processes for other sensors."""
+    """A running scenario; `recorder.processes.simulating` starts one, with processes for other sensors."""
 
     def __init__(self, task: SensingTask, others: Sequence[SensingProcess] = ()) -> None:
         self.scenario, self.ros_version = task.scenario, task.ros_version

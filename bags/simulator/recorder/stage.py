@@ -1,21 +1,123 @@
-"""The world of a scenario, with all poses over time."""
+"""The world of a scenario: its movers, all poses over time, and the calibration, true and recorded."""
 
 from collections.abc import Callable, Collection
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
-from lidcam.bags.simulator.recorder.movers import build_mover
-from lidcam.bags.simulator.recorder.true_rig import carrier_frame
-from lidcam.bags.simulator.scenario.scenario import Scenario
-from lidcam.bags.simulator.scenario.sensors import SensorScenario
+from lidcam.bags.simulator.scenario.scenario import EGO_FRAME, Scenario, VehicleScenario
+from lidcam.bags.simulator.scenario.sensors import CameraScenario, SensorScenario
+from lidcam.bags.simulator.sensors.lens import camera_model
 from lidcam.bags.simulator.vehicles.traffic import Traffic
-from lidcam.bags.simulator.world.bodies.dimensions import shape_of
-from lidcam.bags.simulator.world.bodies.joints import Carrier, RaisedPath
-from lidcam.bags.simulator.world.motion import FixedPath, MountedPath, Path
+from lidcam.bags.simulator.world.bodies.cyclist import cyclist_parts
+from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
+from lidcam.bags.simulator.world.bodies.hulls import front_wheel
+from lidcam.bags.simulator.world.bodies.joints import ArticulatedPath, Carrier, RaisedPath, steered_wheel
+from lidcam.bags.simulator.world.bodies.motor_vehicles import bus, car, model_car, truck, van
+from lidcam.bags.simulator.world.bodies.pedestrian import pedestrian_parts
+from lidcam.bags.simulator.world.mesh import Mesh, paint
+from lidcam.bags.simulator.world.motion import T_BODY_OPTICAL, FixedPath, MountedPath, Mover, Part, Path, UprightBox
 from lidcam.bags.simulator.world.places.places import height_of, mesh_of
 from lidcam.bags.simulator.world.scene import Scene
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig, default_zones
+
+
+def carrier_frame(scenario: Scenario, sensor: SensorScenario) -> str:
+    """The frame that one sensor is mounted in."""
+    return EGO_FRAME if sensor.mounted_on else scenario.site_frame
+
+
+def T_carrier_sensor(scenario: Scenario, sensor: SensorScenario) -> Transform:
+    """The true pose of the sensor's frame (for a camera the optical frame) on its carrier."""
+    return _framed(sensor.T_carrier_body(carrier_frame(scenario, sensor)), sensor)
+
+
+def recorded_extrinsics(scenario: Scenario) -> list[Transform]:
+    """The transforms in /tf_static, whose errors are those of the scenario."""
+    sensors = scenario.sensors.values()
+    return [_framed(sensor.T_carrier_recorded(carrier_frame(scenario, sensor)), sensor) for sensor in sensors]
+
+
+def _framed(body: Transform, sensor: SensorScenario) -> Transform:
+    """The same pose for the frame of the sensor's messages."""
+    if not isinstance(sensor, CameraScenario):
+        return body
+    return Transform(body.dst, body.src, body.matrix @ T_BODY_OPTICAL.matrix)
+
+
+def true_rig(scenario: Scenario) -> Rig:
+    """The true rig: the sensors of the ego vehicle if there is one, else those of the site.
+
+    The sandbox has the zones of the predecessor system.
+    """
+    frame = EGO_FRAME if scenario.ego else scenario.site_frame
+    lidars, cameras = [], []
+    for name, lidar in scenario.lidars.items():
+        if carrier_frame(scenario, lidar) == frame:
+            topic = lidar.packets_topic if lidar.output == "packets" else lidar.topic
+            lidars.append(LidarSensor(name, topic, T_carrier_sensor(scenario, lidar)))
+    for name, camera in scenario.cameras.items():
+        if carrier_frame(scenario, camera) == frame:
+            boxes_topic = camera.detector.topic if camera.detector else ""
+            T_camera_carrier = T_carrier_sensor(scenario, camera).inverse()
+            cameras.append(CameraSensor(name, camera.image_topic, boxes_topic, camera_model(camera), T_camera_carrier))
+    zones = default_zones() if scenario.world == "sandbox" else ()
+    return Rig(frame, tuple(lidars), tuple(cameras), zones, ground_height_m=0.0)
+
+
+BODIES = {"model_car": model_car, "car": car, "van": van, "truck": truck, "bus": bus}
+"""Body of each motor vehicle, made from its colour, in the base frame; the front wheels are separate parts."""
+
+REFERENCE_PAINT = (0.123, 0.456, 0.789)  # a colour that nothing else has
+
+
+def build_mover(
+    name: str, vehicle: VehicleScenario, trajectory: Carrier, *, height: Callable[[F64], F64] | None = None
+) -> Mover:
+    """The mover of a vehicle, cyclist or pedestrian, whose name determines its appearance; its trajectory may grow.
+
+    `height` gives heights (N,) of the ground at positions (N, 2), for pedestrians, who step on kerbs; None if flat.
+    """
+    shape = shape_of(vehicle.shape, vehicle.scale)
+    path: Carrier = trajectory
+    body: UprightBox | None = UprightBox(shape.box_center_m, shape.body_size_m)
+    if vehicle.shape == "pedestrian":
+        path = trajectory if height is None else RaisedPath(trajectory, height)
+        parts = pedestrian_parts(name, vehicle.color, path, vehicle.posture)
+        body = None
+    elif vehicle.shape == "cyclist":
+        parts = cyclist_parts(name, vehicle.color, trajectory)
+    else:
+        wheel = front_wheel(vehicle.shape)
+        parts = (
+            Part(_body(vehicle), trajectory),
+            *(Part(wheel, steered_wheel(trajectory, SHAPES[vehicle.shape], side)) for side in (1, -1)),
+        )
+    if vehicle.scale != (1.0, 1.0, 1.0):
+        parts = tuple(_scaled(part, vehicle.scale) for part in parts)
+    return Mover(name, shape.class_name, path, shape.box_center_m, shape.size_m, parts, body)
+
+
+def _body(vehicle: VehicleScenario) -> Mesh:
+    return _reference(vehicle.shape, vehicle.body).recolored({paint(REFERENCE_PAINT): paint(vehicle.color)})
+
+
+@cache
+def _reference(shape: str, body: str) -> Mesh:
+    """A motor vehicle of `REFERENCE_PAINT`; making one takes far longer than painting it."""
+    return car(REFERENCE_PAINT, body) if shape == "car" else BODIES[shape](REFERENCE_PAINT)
+
+
+def _scaled(part: Part, scale: tuple[float, float, float]) -> Part:
+    """A part of a mover that is larger or smaller by factors along x, y and z."""
+    mesh, path = part.mesh, part.path
+    if isinstance(path, ArticulatedPath):
+        path = replace(path, scale=scale)
+    return Part(Mesh(mesh.vertices * scale, mesh.triangles, mesh.materials, mesh.palette), path)
+
 
 KEPT_NS = 1_000_000_000  # the past is kept for this long beyond what measurements under way need
 

@@ -9,10 +9,118 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from lidcam.bags.simulator.scenario.open_world import GroundScenario, ThingScenario
-from lidcam.bags.simulator.scenario.sensors import COEFFICIENTS, CameraScenario, LidarScenario, Name
-from lidcam.bags.simulator.scenario.traffic import RouteScenario, VehicleScenario
-from lidcam.pipeline.core.settings.model import NotNegative, Positive, SettingsModel
+from lidcam.bags.simulator.scenario.sensors import COEFFICIENTS, CameraScenario, LidarScenario, Metres, Name
+from lidcam.pipeline.core.settings.model import NotNegative, Positive, SettingsModel, Share
+
+ThingKind = Literal[
+    "box", "cylinder", "cone", "lump", "fence", "bicycle", "tree", "conifer", "bush", "hedge", "grass", "table"
+]
+
+
+class RoadScenario(SettingsModel):
+    """A straight road."""
+
+    from_m: tuple[Metres, Metres]  # x, y of one end of its middle line
+    to_m: tuple[Metres, Metres]  # x, y of the other
+    width_m: Positive = 7.0  # from kerb to kerb
+
+
+class GroundScenario(SettingsModel):
+    """The ground of an `open` world."""
+
+    reach_m: Positive = 120.0  # it reaches this far from the origin along x and y
+    roads: tuple[RoadScenario, ...] = ()  # roads, which are of asphalt
+    kerb_m: NotNegative = 0.12  # height of all other ground above the roads
+    # Rise per metre along x and y
+    slope: tuple[Annotated[float, Field(ge=-0.2, le=0.2)], Annotated[float, Field(ge=-0.2, le=0.2)]] = (0.0, 0.0)
+    waves_m: NotNegative = 0.0  # height of its gentle waves
+    wave_length_m: Positive = 60.0  # their length
+    # Standard deviation of the height of small bumps beside the roads; a quarter of it on them
+    roughness_m: NotNegative = 0.0
+    seed: Annotated[int, Field(ge=0)] = 0  # of waves and bumps
+
+
+class ThingScenario(SettingsModel):
+    """A thing that stands in an `open` world."""
+
+    # Its form. `lump` is a heap, `bicycle` a parked one. Of `tree`, `conifer`, `bush`, `hedge` and `grass` a lidar sees
+    # single leaves, and some of what is behind.
+    kind: ThingKind = "box"
+    position_m: tuple[Metres, Metres]  # x, y of its middle
+    size_m: tuple[Positive, Positive, Positive]  # length, width, height
+    yaw_deg: float = 0.0  # direction of its length, counter-clockwise from x
+    bottom_m: NotNegative = 0.0  # height of its lower end above the ground
+    color: tuple[Share, Share, Share] = (0.5, 0.5, 0.5)  # sRGB, each in [0, 1]
+    # Share of a lidar's light that it reflects; above 1 for a retroreflector, as signs are
+    reflectivity: Annotated[float, Field(ge=0, le=10)] = 0.3
+
+
+CarBody = Literal["hatchback", "saloon", "estate", "mpv"]
+Posture = Literal["upright", "sitting", "stooping", "reaching"]
+Scale = Annotated[float, Field(ge=0.3, le=3)]
+
+CONTROLLERS = (
+    "left_rear_wheel_velocity_controller",
+    "right_rear_wheel_velocity_controller",
+    "left_front_wheel_velocity_controller",
+    "right_front_wheel_velocity_controller",
+    "left_steering_hinge_position_controller",
+    "right_steering_hinge_position_controller",
+)
+"""Names of the controllers, as in the predecessor system, in the order of their commands."""
+
+
+class RouteScenario(SettingsModel):
+    """A route that traffic follows."""
+
+    # Corners x, y, which are rounded. A third number is the radius of that corner.
+    points_m: tuple[tuple[Metres, Metres] | tuple[Metres, Metres, NotNegative], ...]
+    closed: bool = False  # whether the last point leads back to the first
+    corner_radius_m: NotNegative = 5.0  # radius of all other corners
+    yields_to: tuple[str, ...] = ()  # routes whose traffic has right of way where the two cross
+
+
+class VehicleScenario(SettingsModel):
+    """A vehicle, cyclist or pedestrian: its looks, start and driver."""
+
+    # Its body (`lidcam.bags.simulator.world.bodies.dimensions`)
+    shape: Literal["model_car", "car", "van", "truck", "bus", "cyclist", "pedestrian"] = "car"
+    color: tuple[Share, Share, Share] = (0.6, 0.1, 0.1)  # colour of its paint or jacket, each in [0, 1]
+    # Factors of the length, width and height of its shape; for people about the same in all three
+    scale: tuple[Scale, Scale, Scale] = (1.0, 1.0, 1.0)
+    body: CarBody = "hatchback"  # form of a `car`
+    posture: Posture = "upright"  # of a `pedestrian`; only an upright one walks
+    walked_m: NotNegative = 0.0  # distance that it has covered at the start, which decides how its legs stand
+    # x, y in metres and yaw in degrees of its base frame (below the rear axle, or below the middle of a pedestrian);
+    # with a route it is used only under remote control (`lidcam drive`)
+    start: tuple[Metres, Metres, float] = (0.0, 0.0, 0.0)
+    route: str = ""  # name of a route to follow
+    route_start_m: NotNegative = 0.0  # start position along the route
+    speed_m_s: NotNegative = 0.0  # cruising speed on the route
+    keys: str = ""  # keys that drive it instead (`w s a d x`), one every `key_interval_s` from the start
+    key_interval_s: Positive = 0.5  # time from one key to the next
+    # Record nav_msgs/Odometry: the true pose of the centre of its box on /NAME/base_pose_ground_truth; for the ego
+    # vehicle that of `base_link` on /odom
+    odometry: bool = False
+    # Record its ackermann_msgs/AckermannDriveStamped and the six Float64 commands of its controllers
+    commands: bool = False
+    ego: bool = False  # it carries the sensors; tf has its pose (`odom` to `base_link`), the ground truth does not
+
+    def topics(self, name: str) -> list[str]:
+        """Topics of its messages."""
+        odometry = [f"/{name}/base_pose_ground_truth"] if self.odometry and not self.ego else []
+        return [*odometry, *([command_topic(name), *controller_topics(name)] if self.commands else [])]
+
+
+def command_topic(vehicle: str) -> str:
+    """Topic of a vehicle's commands (ackermann_msgs/AckermannDriveStamped)."""
+    return f"/{vehicle}/ackermann_cmd_mux/output"
+
+
+def controller_topics(vehicle: str) -> tuple[str, ...]:
+    """Topics of its controllers' commands (std_msgs/Float64), in the order of `CONTROLLERS`."""
+    return tuple(f"/{vehicle}/{controller}/command" for controller in CONTROLLERS)
+
 
 EGO_FRAME = "base_link"  # base frame of the vehicle that carries sensors (REP 105)
 OWN_TOPICS = ("/tf", "/tf_static", "/odom", "/ground_truth/objects", "/ground_truth/objects_when_measured")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidcam.bags.simulator.scenario.traffic import VehicleScenario
+from lidcam.bags.simulator.scenario.scenario import VehicleScenario
 from lidcam.bags.simulator.vehicles.ackermann import HABITS, AckermannCommand, Habits, chassis_of
 from lidcam.bags.simulator.vehicles.footprints import Rectangle, discs_of
 from lidcam.bags.simulator.vehicles.right_of_way import Stretch, Traveller, distance_to_stop

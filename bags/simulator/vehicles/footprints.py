@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from lidcam.bags.simulator.scenario.open_world import ThingScenario
+from lidcam.bags.simulator.scenario.scenario import ThingScenario
 from lidcam.bags.simulator.vehicles.trajectory import State
 from lidcam.bags.simulator.world.bodies.dimensions import Shape
 from lidcam.bags.simulator.world.mesh import Mesh

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lidcam.bags.simulator.scenario.traffic import RouteScenario
+from lidcam.bags.simulator.scenario.scenario import RouteScenario
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import ConfigError
 

@@ -4,8 +4,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Collection, Mapping
 
-from lidcam.bags.simulator.scenario.scenario import Scenario, listed
-from lidcam.bags.simulator.scenario.traffic import VehicleScenario
+from lidcam.bags.simulator.scenario.scenario import Scenario, VehicleScenario, listed
 from lidcam.bags.simulator.vehicles.ackermann import HABITS, Ackermann, AckermannCommand, chassis_of, commands_of_keys
 from lidcam.bags.simulator.vehicles.followers import Follower, Seen
 from lidcam.bags.simulator.vehicles.footprints import (

@@ -14,14 +14,17 @@ from zlib import crc32
 
 import numpy as np
 
-from lidcam.bags.simulator.scenario.open_world import GroundScenario, RoadScenario, ThingScenario
-from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.scenario.scenario import (
+    GroundScenario,
+    RoadScenario,
+    Scenario,
+    ThingScenario,
+    VehicleScenario,
+)
 from lidcam.bags.simulator.scenario.sensors import CameraScenario, LidarScenario
-from lidcam.bags.simulator.scenario.traffic import VehicleScenario
 from lidcam.bags.simulator.vehicles.footprints import Rectangle, overlap, things_in_the_way
 from lidcam.bags.simulator.world.places.open_world import open_height
-from lidcam.bags.simulator.worlds.site import Site
-from lidcam.bags.simulator.worlds.surroundings import clutter, frontage, island
+from lidcam.bags.simulator.worlds.site import Site, clutter, frontage, island
 from lidcam.readers.velodyne.models import built_in_table
 
 Family = Literal["sandbox", "crossing", "road"]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lidcam.bags.simulator.recorder.movers import build_mover
+from lidcam.bags.simulator.recorder.stage import build_mover
 from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.bags.simulator.scenario.sensors import LidarScenario
 from lidcam.bags.simulator.sensors.beams import pattern_of

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import yaml
 
-from lidcam.bags.simulator.recorder.true_rig import true_rig
+from lidcam.bags.simulator.recorder.stage import true_rig
 from lidcam.bags.simulator.scenario.load import load_scenario
 from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.pipeline.core.errors import ConfigError

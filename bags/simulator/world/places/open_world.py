@@ -9,7 +9,7 @@ from zlib import crc32
 
 import numpy as np
 
-from lidcam.bags.simulator.scenario.open_world import GroundScenario, ThingScenario
+from lidcam.bags.simulator.scenario.scenario import GroundScenario, ThingScenario
 from lidcam.bags.simulator.world.bodies.cyclist import bicycle
 from lidcam.bags.simulator.world.mesh import Material, Mesh, box, cylinder, merged, sphere
 from lidcam.bags.simulator.world.places.furniture import BARK

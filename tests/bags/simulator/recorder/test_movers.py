@@ -5,8 +5,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
-from lidcam.bags.simulator.recorder.movers import build_mover
-from lidcam.bags.simulator.scenario.traffic import VehicleScenario
+from lidcam.bags.simulator.recorder.stage import build_mover
+from lidcam.bags.simulator.scenario.scenario import VehicleScenario
 from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
 from lidcam.bags.simulator.world.bodies.cyclist import CRANK_CYCLE_M
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of

@@ -14,8 +14,7 @@ from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 from small_scenario import SMALL, write_small_scenario
 
-from lidcam.bags.simulator.scenario.scenario import Scenario
-from lidcam.bags.simulator.scenario.traffic import controller_topics
+from lidcam.bags.simulator.scenario.scenario import Scenario, controller_topics
 from lidcam.cli.simulation.simulate import simulate as record
 from lidcam.pipeline.core.ros.typestores import message_types
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2

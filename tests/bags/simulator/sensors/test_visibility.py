@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_worlds import EvenPath, box_mover, scene
 
-from lidcam.bags.simulator.recorder.movers import build_mover
-from lidcam.bags.simulator.scenario.scenario import SunScenario
+from lidcam.bags.simulator.recorder.stage import build_mover
+from lidcam.bags.simulator.scenario.scenario import SunScenario, VehicleScenario
 from lidcam.bags.simulator.scenario.sensors import CameraScenario
-from lidcam.bags.simulator.scenario.traffic import VehicleScenario
 from lidcam.bags.simulator.sensors.camera import Camera, CameraImage
 from lidcam.bags.simulator.sensors.visibility import Visibility, visibility
 from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidcam.bags.simulator.scenario.traffic import RouteScenario
+from lidcam.bags.simulator.scenario.scenario import RouteScenario
 from lidcam.bags.simulator.vehicles.routes import Route
 from lidcam.pipeline.core.errors import ConfigError
 

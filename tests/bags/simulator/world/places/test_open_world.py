@@ -3,7 +3,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from lidcam.bags.simulator.scenario.open_world import GroundScenario, RoadScenario, ThingKind, ThingScenario
+from lidcam.bags.simulator.scenario.scenario import GroundScenario, RoadScenario, ThingKind, ThingScenario
 from lidcam.bags.simulator.vehicles.footprints import things_in_the_way
 from lidcam.bags.simulator.world.places.open_world import open_height, open_mesh
 from lidcam.bags.simulator.world.rays import Rays
