@@ -323,7 +323,7 @@ def _file_of_kind(source: Source, path: Path, content: Path, stream: BinaryIO, m
         from lidcam.readers.files.mcap.mcap_file import McapFile
 
         return McapFile(source, stream)
-    from lidcam.readers.files.sqlite.sqlite_file import SqliteFile
+    from lidcam.readers.files.sqlite_file import SqliteFile
 
     return SqliteFile(source, stream, content)
 

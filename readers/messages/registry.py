@@ -40,10 +40,10 @@ TYPES: dict[str, MessageType] = {
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": MessageType("image", "lidcam.readers.video.packets"),
     "sensor_msgs/msg/CameraInfo": MessageType("camera info", "lidcam.readers.messages.camera_info"),
     "vision_msgs/msg/Detection2DArray": MessageType(
-        "2D boxes", "lidcam.readers.messages.vision.detections2d:decode_detections2d"
+        "2D boxes", "lidcam.readers.messages.vision.detections:decode_detections2d"
     ),
     "vision_msgs/msg/Detection3DArray": MessageType(
-        "3D boxes", "lidcam.readers.messages.vision.detections3d:decode_detected_boxes"
+        "3D boxes", "lidcam.readers.messages.vision.detections:decode_detected_boxes"
     ),
     "autoware_perception_msgs/msg/DetectedObjects": MessageType(
         "3D boxes", "lidcam.readers.messages.objects.autoware:decode_detected_objects"

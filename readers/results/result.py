@@ -22,8 +22,14 @@ from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.pipeline.evaluation.evaluation_frame import SOURCES, UNKNOWN, FrameSync, Motion, ResultFrame, SourceBoxes
 from lidcam.readers.messages.diagnostics import decode_diagnostics
 from lidcam.readers.messages.objects.tracks import TRACKS, decode_tracks
-from lidcam.readers.messages.vision.detections2d import DETECTIONS_2D, decode_detections2d
-from lidcam.readers.messages.vision.detections3d import DETECTIONS_3D, Detections3D, decode_detections3d, track_ids
+from lidcam.readers.messages.vision.detections import (
+    DETECTIONS_2D,
+    DETECTIONS_3D,
+    Detections3D,
+    decode_detections2d,
+    decode_detections3d,
+    track_ids,
+)
 from lidcam.readers.notes import Notes
 from lidcam.readers.open import open_recording
 from lidcam.readers.recording import DEFAULT_READ_OPTIONS, Closing, ReadOptions, Recording

@@ -24,9 +24,7 @@ def load_rig(path: str | Path) -> RigFile:
         ConfigError: the file is not a YAML mapping.
     """
     # Most runs have no rig file.
-    from lidcam.readers.rig.importers.autoware import import_autoware
-    from lidcam.readers.rig.importers.kalibr import import_kalibr
-    from lidcam.readers.rig.importers.kitti import import_kitti
+    from lidcam.readers.rig.importers import import_autoware, import_kalibr, import_kitti
 
     path = Path(path)
     text = read_small_text(path, MAX_YAML_BYTES, "a rig file", CalibrationError)

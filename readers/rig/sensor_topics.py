@@ -32,7 +32,7 @@ from lidcam.readers.rig.derived.clouds import (
     is_measured,
     is_world_frame,
 )
-from lidcam.readers.rig.derived.images import image_sources
+from lidcam.readers.rig.derived.contents import image_sources
 from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.rig.topic_names import is_measured_image, is_truth, pair_score, place, transport_free
 from lidcam.readers.rig.undecoded import undecoded

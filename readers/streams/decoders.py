@@ -16,7 +16,7 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.onnx.class_names import COCO_LABELS
 from lidcam.readers.messages.image import decode_any_image
 from lidcam.readers.messages.registry import decode_as
-from lidcam.readers.messages.vision.detections2d import Detections2D
+from lidcam.readers.messages.vision.detections import Detections2D
 from lidcam.readers.velodyne.decoder import VelodyneDecoders
 from lidcam.readers.velodyne.scan import PACKET_BYTES, SCAN
 

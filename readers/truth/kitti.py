@@ -25,7 +25,7 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.small_files import read_small_text
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 from lidcam.readers.messages.objects.found import check_boxes
-from lidcam.readers.rig.importers.kitti import KittiCalibration, kitti_calibration
+from lidcam.readers.rig.importers import KittiCalibration, kitti_calibration
 from lidcam.readers.truth.boxes import Labelled, Labelled2D, label_files, truth_boxes_2d, truth_boxes_3d
 from lidcam.readers.truth.source import TruthSource
 

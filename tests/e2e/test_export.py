@@ -11,7 +11,7 @@ from helpers import CLUSTERS
 import lidcam as front_door
 from lidcam.readers.open import open_recording
 from lidcam.readers.results.result import open_result
-from lidcam.readers.rig.importers.kitti import kitti_calibration
+from lidcam.readers.rig.importers import kitti_calibration
 from lidcam.readers.truth.kitti import parse_kitti_labels
 
 

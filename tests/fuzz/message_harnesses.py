@@ -47,8 +47,7 @@ from lidcam.readers.messages.pointcloud import decode_pointcloud
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 from lidcam.readers.messages.tf import decode_odometry, decode_transforms, read_transforms
 from lidcam.readers.messages.to_ros2 import to_ros2
-from lidcam.readers.messages.vision.detections2d import decode_detections2d
-from lidcam.readers.messages.vision.detections3d import decode_detections3d
+from lidcam.readers.messages.vision.detections import decode_detections2d, decode_detections3d
 from lidcam.readers.streams.recorded3d import RecordedBoxes3D
 from lidcam.readers.velodyne.decoder import VelodyneDecoders
 from lidcam.readers.velodyne.models import MODELS

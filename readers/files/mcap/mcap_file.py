@@ -21,8 +21,17 @@ from lidcam.pipeline.core.messages import Channel
 from lidcam.pipeline.core.text import one_line
 from lidcam.readers.files.chunked import ChunkedFile, ChunkPlace, Entry
 from lidcam.readers.files.container import read_exactly
-from lidcam.readers.files.mcap.index import Contents, contents_of_summary, read_profile
-from lidcam.readers.files.mcap.records import INDEX_HEAD, PAIR_BYTES, RECORD_HEAD, entry_of, load_chunk, records_in
+from lidcam.readers.files.mcap.records import (
+    INDEX_HEAD,
+    PAIR_BYTES,
+    RECORD_HEAD,
+    Contents,
+    contents_of_summary,
+    entry_of,
+    load_chunk,
+    read_profile,
+    records_in,
+)
 from lidcam.readers.files.mcap.recovery import contents_of_scan
 from lidcam.readers.files.remote import warn_of_full_read
 from lidcam.readers.messages.foxglove import ROS_TYPES

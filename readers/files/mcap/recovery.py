@@ -14,14 +14,17 @@ from lidcam.readers.files.chunked import ChunkPlace, Entry
 from lidcam.readers.files.container import read_exactly
 from lidcam.readers.files.damage import LIBRARY_ERRORS, Losses
 from lidcam.readers.files.decompress import check_file_size
-from lidcam.readers.files.mcap.index import MAGIC_BYTES, Contents, end_of_records, is_summary_sound
 from lidcam.readers.files.mcap.records import (
+    MAGIC_BYTES,
     MESSAGE_HEAD,
     OPCODES,
     RECORD_HEAD,
+    Contents,
     Record,
+    end_of_records,
     entry_of,
     find_record,
+    is_summary_sound,
     listed_messages,
     load_chunk,
     record_at,

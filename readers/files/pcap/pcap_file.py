@@ -16,8 +16,7 @@ import numpy as np
 
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.readers.files.container import Container
-from lidcam.readers.files.pcap.packets import captured_packets
-from lidcam.readers.files.pcap.udp import (
+from lidcam.readers.files.pcap.packets import (
     CUT_SHORT,
     FRAGMENTS,
     NOT_IPV4,
@@ -25,6 +24,7 @@ from lidcam.readers.files.pcap.udp import (
     UNKNOWN_LINK,
     Datagram,
     Reassembly,
+    captured_packets,
     find_fragment,
     find_udp,
 )

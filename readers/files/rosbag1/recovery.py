@@ -8,7 +8,6 @@ from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.files.chunked import ChunkPlace
 from lidcam.readers.files.damage import Losses
 from lidcam.readers.files.decompress import check_file_size, compression_of, unpack
-from lidcam.readers.files.rosbag1.index import ChunkData, Contents, channel_of
 from lidcam.readers.files.rosbag1.records import (
     CHUNK,
     CHUNK_INFO,
@@ -17,7 +16,10 @@ from lidcam.readers.files.rosbag1.records import (
     INDEX,
     MAGIC_BYTES,
     MESSAGE,
+    ChunkData,
+    Contents,
     Record,
+    channel_of,
     contents_of_chunk,
     find_record,
     looks_like_record,

@@ -13,8 +13,15 @@ from lidcam.pipeline.core.arrays import I64
 from lidcam.readers.files.chunked import ChunkedFile, ChunkPlace, Entry
 from lidcam.readers.files.container import read_exactly
 from lidcam.readers.files.decompress import check_chunk_size, unpack
-from lidcam.readers.files.rosbag1.index import contents_of_index
-from lidcam.readers.files.rosbag1.records import INDEX, MESSAGE, MESSAGE_BEGIN, UINT32, contents_of_chunk, read_record
+from lidcam.readers.files.rosbag1.records import (
+    INDEX,
+    MESSAGE,
+    MESSAGE_BEGIN,
+    UINT32,
+    contents_of_chunk,
+    contents_of_index,
+    read_record,
+)
 from lidcam.readers.files.rosbag1.recovery import contents_of_scan
 from lidcam.readers.recording import RosVersion, TopicInfo, merge_topics
 

@@ -19,7 +19,7 @@ from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.stages.combine import Combine
 from lidcam.pipeline.stages.place import Place
-from lidcam.readers.rig.importers.kitti import kitti_calibration
+from lidcam.readers.rig.importers import kitti_calibration
 from lidcam.readers.truth.kitti import LEFT_COLOUR_CAMERA, parse_kitti_labels
 
 CONFIG = Config()

@@ -67,7 +67,7 @@ def none_left(*_: Any, **__: Any) -> Any:
     [
         ("mcap", "lidcam.readers.files.mcap.records.zstandard.decompress"),
         ("bag", "lidcam.readers.files.rosbag1.rosbag1_file.unpack"),
-        ("sqlite", "lidcam.readers.files.sqlite.sqlite_file.decompressed"),
+        ("sqlite", "lidcam.readers.files.sqlite_file.decompressed"),
     ],
 )
 def test_of_every_container(

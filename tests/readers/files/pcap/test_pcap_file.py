@@ -10,7 +10,7 @@ from velodyne import START_NS, random_packets
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.readers.files.pcap.udp import (
+from lidcam.readers.files.pcap.packets import (
     CUT_SHORT,
     FRAGMENTS,
     NOT_IPV4,

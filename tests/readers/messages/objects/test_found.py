@@ -11,7 +11,7 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.messages.objects.autoware import DETECTED_OBJECTS, decode_detected_objects
 from lidcam.readers.messages.objects.found import FoundObjects, ObjectClasses
-from lidcam.readers.messages.vision.detections3d import decode_detected_boxes
+from lidcam.readers.messages.vision.detections import decode_detected_boxes
 
 STAMP_NS = 1_700_000_000_123_456_789
 CONFIG = Config()

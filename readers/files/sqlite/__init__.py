@@ -1,1 +1,0 @@
-"""The sqlite3 files of ROS 2 bags."""
