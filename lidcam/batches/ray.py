@@ -16,8 +16,7 @@ from tempfile import TemporaryDirectory
 from threading import Lock, current_thread, main_thread
 from typing import Any, TypeVar
 
-from lidcam.batches.engine import JOB_MIB, Engine, Task, cancelled
-from lidcam.batches.local import WORKER
+from lidcam.batches.local import JOB_MIB, WORKER, Engine, Task, cancelled
 from lidcam.batches.records import JobRecord
 from lidcam.pipeline.core.errors import LidcamError, WorkerError
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from lidcam.batches.engine import Task
+from lidcam.batches.local import Task
 from lidcam.batches.records import JobRecord, with_outputs, with_summary
 from lidcam.outputs.sending import sent_when_complete
 from lidcam.pipeline.core.ending import undone_at_once

@@ -65,9 +65,8 @@ def compare(
     """
     from lidcam.cli.json_output import figures_document, json_output
     from lidcam.cli.printing.comparison import print_comparison
-    from lidcam.cli.printing.folding import show_line
     from lidcam.cli.printing.progress import show_progress
-    from lidcam.cli.printing.terminal import console, show_json
+    from lidcam.cli.printing.terminal import console, show_json, show_line
     from lidcam.evaluation.compare import compare_results
     from lidcam.pipeline.evaluation.comparison.object_changes import TOLERANCES
 

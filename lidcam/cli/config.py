@@ -31,8 +31,7 @@ config_app = typer.Typer(
 @with_log_options
 def config_list(as_json: AsJson = False) -> None:
     """List the presets."""
-    from lidcam.cli.printing.folding import show_line
-    from lidcam.cli.printing.terminal import console, show_json
+    from lidcam.cli.printing.terminal import console, show_json, show_line
     from lidcam.run.explain import preset_summaries
 
     if as_json:
@@ -74,8 +73,7 @@ def config_explain(
 
     Meaning, unit, allowed values, default, and its value in each preset.
     """
-    from lidcam.cli.printing.folding import show_line
-    from lidcam.cli.printing.terminal import console, show_json
+    from lidcam.cli.printing.terminal import console, show_json, show_line
     from lidcam.run.explain import explain
 
     explanation, out = explain(key), console()
@@ -95,9 +93,8 @@ def config_explain(
 
 def _show_pairs(title: str, pairs: Mapping[str, str]) -> None:
     """A table of names and texts, if there are any."""
-    from lidcam.cli.printing.folding import show_table
     from lidcam.cli.printing.tables import pairs_table
-    from lidcam.cli.printing.terminal import console
+    from lidcam.cli.printing.terminal import console, show_table
 
     if pairs:
         show_table(console(), pairs_table(title, pairs))

@@ -25,8 +25,7 @@ def demo(
 
     Writes an MCAP, a Rerun recording and a page into a folder.
     """
-    from lidcam.cli.printing.folding import show_line
-    from lidcam.cli.printing.terminal import console
+    from lidcam.cli.printing.terminal import console, show_line
     from lidcam.run.job import make_job
 
     recording = folder / SAMPLE.name

@@ -27,8 +27,7 @@ def fetch(
     """
     from pathlib import Path
 
-    from lidcam.cli.printing.folding import show_line
-    from lidcam.cli.printing.terminal import console
+    from lidcam.cli.printing.terminal import console, show_line
     from lidcam.networks.fetch import fetch_network, is_fetched
     from lidcam.networks.known import network_path
 

@@ -31,8 +31,7 @@ def view(
     import subprocess
     import webbrowser
 
-    from lidcam.cli.printing.folding import show_line
-    from lidcam.cli.printing.terminal import console
+    from lidcam.cli.printing.terminal import console, show_line
     from lidcam.outputs.registry import output_of
 
     if result.is_dir():  # of `lidcam drive.bag`

@@ -4,8 +4,7 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from lidcam.batches.engine import Task
-from lidcam.batches.local import LocalEngine
+from lidcam.batches.local import LocalEngine, Task
 from lidcam.batches.records import EXIT_CODES, JobRecord, State, with_outputs
 from lidcam.writers.outputs.transaction import OutputTransaction
 

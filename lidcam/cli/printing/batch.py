@@ -7,9 +7,9 @@ from rich.console import Console
 
 from lidcam.batches.jobs import BatchJob
 from lidcam.batches.records import JobRecord, totals_line
-from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.progress import show_share
 from lidcam.cli.printing.tables import ColumnsTable
+from lidcam.cli.printing.terminal import show_line, show_table
 
 MAX_ROWS = 30
 """Maximum number of recordings that all have a row."""

@@ -5,8 +5,8 @@ from typing import Any
 
 from rich.console import Console
 
-from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.tables import rows_table
+from lidcam.cli.printing.terminal import show_line, show_table
 from lidcam.pipeline.evaluation.comparison.object_changes import KINDS, TOLERANCES
 
 ALL = "all"

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import Console
 
-from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.tables import (
     rows_table,
     sensors_table,
     topics_table,
 )
+from lidcam.cli.printing.terminal import show_line, show_table
 from lidcam.cli.verdict import first_of
 from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, source_names
 from lidcam.pipeline.core.frame import FrameResult

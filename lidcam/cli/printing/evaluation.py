@@ -8,9 +8,9 @@ from rich.console import Console
 from rich.table import Table
 
 from lidcam.cli.printing.console import print_remarks, print_warnings
-from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.numbers import NONE, number, percent, share, signed
 from lidcam.cli.printing.tables import ColumnsTable, rows_table
+from lidcam.cli.printing.terminal import show_line, show_table
 from lidcam.evaluation.evaluation import Evaluation
 from lidcam.evaluation.requirement import Outcome
 

@@ -108,8 +108,10 @@ class _Stderr(logging.Handler):
         with suppress(OSError):  # nobody reads it any more, or its disk is full: no reason to end a run
             text = self.format(record)
             if record.levelno >= logging.WARNING and sys.stderr.isatty():
-                from lidcam.cli.printing.folding import show_line
-                from lidcam.cli.printing.terminal import console  # obeys NO_COLOR
+                from lidcam.cli.printing.terminal import (
+                    console,  # obeys NO_COLOR
+                    show_line,
+                )
 
                 show_line(console(stderr=True), text, "red" if record.levelno >= logging.ERROR else "yellow")
                 return

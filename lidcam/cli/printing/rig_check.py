@@ -7,9 +7,9 @@ from rich.console import Console
 
 from lidcam.checks.calibration.rig_check import SCALES, RigCheck
 from lidcam.cli.printing.console import print_warnings
-from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.running import ShownProgress
 from lidcam.cli.printing.tables import ColumnsTable
+from lidcam.cli.printing.terminal import show_line, show_table
 from lidcam.pipeline.calibration.camera_error import MIN_PAIRS, MIN_TRACKS
 from lidcam.pipeline.core.arrays import F64, Bools
 from lidcam.run.frame import Frame

@@ -15,7 +15,6 @@ from lidcam.cli.printing.console import (
     print_warnings,
     source_of_boxes3d,
 )
-from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.numbers import PER_M_S, Units
 from lidcam.cli.printing.tables import (
     ColumnsTable,
@@ -27,6 +26,7 @@ from lidcam.cli.printing.tables import (
     rows_table,
     speed_text,
 )
+from lidcam.cli.printing.terminal import show_line, show_table
 from lidcam.pipeline.core.settings.engines import ENGINES
 from lidcam.run.summary import CameraCorrection, DropCount, RunSummary
 

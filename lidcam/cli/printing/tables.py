@@ -9,7 +9,7 @@ from rich.console import RenderableType
 from rich.style import StyleType
 from rich.table import Table
 
-from lidcam.cli.printing.folding import Folded
+from lidcam.cli.printing.terminal import Folded
 from lidcam.pipeline.core.rig import BOXES_SUFFIX
 from lidcam.pipeline.core.settings.model import OUTSIDE_ZONES
 from lidcam.pipeline.evaluation.road_users import RoadUsers

@@ -8,7 +8,7 @@ from urllib.parse import quote
 from rich.table import Table
 
 from lidcam.cli.printing.evaluation import headlines, mistake_note, own_tables, truth_tables
-from lidcam.cli.printing.folding import Folded
+from lidcam.cli.printing.terminal import Folded
 from lidcam.evaluation.evaluate import Progress, evaluate_result, not_shown, within_labels
 from lidcam.evaluation.evaluation import Evaluation, EvaluationJob
 from lidcam.outputs.allowed import PAGE, check_no_input, check_replaced, is_own_film

@@ -17,8 +17,7 @@ from lidcam.pipeline.core.errors import LidcamError
 from lidcam.pipeline.core.text import one_line
 from lidcam.pipeline.detectors.pillars.embedded import existing_network_file
 from lidcam.training.labelled import Recordings
-from lidcam.training.pillars.network import PillarNetwork
-from lidcam.training.pillars.onnx_file import take_weights
+from lidcam.training.pillars.network import PillarNetwork, take_weights
 from lidcam.training.pillars.scenes import CLASSES, GRIDS, SCENES_OF_A_ROUND, Scene, Source, Worlds, rounds
 from lidcam.training.torch_file import torch_file
 from lidcam.writers.outputs.errors import output_errors

@@ -24,7 +24,7 @@ from lidcam.training.card import average_precision, calibration_error
 from lidcam.training.labelled import WORLDS, LabelledFrame, TrueBoxes, loaded
 from lidcam.training.pillars.fit import BATCH, Checkpoint, fitted
 from lidcam.training.pillars.network import PillarNetwork as TrainedNetwork
-from lidcam.training.pillars.onnx_file import onnx_bytes, take_weights
+from lidcam.training.pillars.network import onnx_bytes, take_weights
 from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, WRITTEN_GRIDS, Worlds, family_of, known_to, scene
 
 SWEEPS_OF_A_WORLD = 4

@@ -13,9 +13,8 @@ from typing import Any
 
 import pytest
 
-from lidcam.batches.engine import Task
 from lidcam.batches.jobs import find_jobs
-from lidcam.batches.local import LocalEngine
+from lidcam.batches.local import LocalEngine, Task
 from lidcam.batches.ray import RayEngine, _task
 from lidcam.batches.records import JobRecord
 from lidcam.batches.run import BatchOptions, run_batch

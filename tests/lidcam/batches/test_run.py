@@ -14,9 +14,8 @@ from typing import IO
 import pytest
 from written_jobs import Written
 
-from lidcam.batches.engine import Engine, Task
 from lidcam.batches.jobs import RECORDS, BatchJob, find_jobs
-from lidcam.batches.local import LocalEngine
+from lidcam.batches.local import Engine, LocalEngine, Task
 from lidcam.batches.records import JobRecord
 from lidcam.batches.run import BatchOptions, run_batch
 from lidcam.batches.store import Store

@@ -14,10 +14,9 @@ from rich.console import Console
 from rich.text import Text
 
 from lidcam.cli.printing.escaping import json_text, visible, visible_lines
-from lidcam.cli.printing.folding import show_line, show_table
 from lidcam.cli.printing.log import configure_logging, remark_log, verdict_log
 from lidcam.cli.printing.tables import drops_table, objects_table, pairs_table
-from lidcam.cli.printing.terminal import console, show_json
+from lidcam.cli.printing.terminal import console, show_json, show_line, show_table
 from lidcam.run.summary import DropCount
 
 HOSTILE = "\x1b]52;c;ZQ==\x07\x9b2J\u202e\u200b\r\nlidcam: error: faked\b\x00[red]"

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.console import Console
 
-from lidcam.cli.printing.folding import folded_lines, show_line, show_table
 from lidcam.cli.printing.tables import drops_table
+from lidcam.cli.printing.terminal import folded_lines, show_line, show_table
 from lidcam.run.summary import DropCount
 
 TOPIC = "/car1/left_front_wheel_velocity_controller/command"

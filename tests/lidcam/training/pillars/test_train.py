@@ -23,7 +23,7 @@ from lidcam.training.labelled import Recordings, TrueBoxes
 from lidcam.training.pillars import fit
 from lidcam.training.pillars import network as torch_network
 from lidcam.training.pillars.fit import Checkpoint, fitted
-from lidcam.training.pillars.onnx_file import onnx_bytes, take_weights
+from lidcam.training.pillars.network import onnx_bytes, take_weights
 from lidcam.training.pillars.scenes import (
     CLASSES,
     GRIDS,
