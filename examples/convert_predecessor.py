@@ -28,7 +28,7 @@ from mcap.writer import Writer
 from lidcam.pipeline.core.errors import CalibrationError
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.ros.messages import ROS2
-from lidcam.readers.rig.extrinsics import decompose_projection
+from lidcam.readers.rig.calibration import decompose_projection
 
 START_NS, STEP_NS = 1_000_000_000 * 10**9, 100_000_000
 SITE, CLOUD_TOPIC, TRUTH_TOPIC = "point_cloud", "/point_cloud_combined", "/ground_truth/objects"

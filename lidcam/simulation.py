@@ -16,8 +16,7 @@ from lidcam.bags.simulator.recorder.files import (
 )
 from lidcam.bags.simulator.recorder.processes import simulating
 from lidcam.bags.simulator.recorder.recorded import Recorded
-from lidcam.bags.simulator.scenario.load import load_scenario, overridden
-from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.scenario.scenario import Scenario, load_scenario, overridden
 from lidcam.bags.simulator.worlds.errors import with_errors
 from lidcam.evaluation.evaluate import Progress, not_shown
 from lidcam.outputs.allowed import SIMULATED, TEXT, check_no_input, check_replaced

@@ -9,9 +9,8 @@ from lidcam.cli.demo import demo
 from lidcam.cli.evaluate import EVALUATE_EXAMPLES, evaluate
 from lidcam.cli.export import EXPORT_EXAMPLES, export
 from lidcam.cli.fetch import FETCH_EXAMPLES, fetch
-from lidcam.cli.groups import GroupedCommand, Program
 from lidcam.cli.inspect import INSPECT_EXAMPLES, inspect
-from lidcam.cli.options import Version
+from lidcam.cli.options import GroupedCommand, Program, Version
 from lidcam.cli.process import PROCESS_EXAMPLES, process
 from lidcam.cli.report import REPORT_EXAMPLES, report
 from lidcam.cli.simulation.adapt import ADAPT_EXAMPLES, adapt

@@ -7,8 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from lidcam.cli.groups import GroupedCommand
-from lidcam.cli.options import AsJson, with_log_options
+from lidcam.cli.options import AsJson, GroupedCommand, with_log_options
 from lidcam.cli.printing.escaping import visible_lines
 
 # \b keeps the lines of a paragraph as they are.

@@ -16,8 +16,8 @@ from lidcam.pipeline.core.tracks import NO_TRACK
 from lidcam.pipeline.evaluation.road_users import RoadUserTally
 from lidcam.readers.input_file import InputFile
 from lidcam.readers.messages.deserialize import deserialize_as
-from lidcam.readers.messages.objects.tracks import decode_tracks
-from lidcam.readers.messages.vision.detections import decode_detections3d, track_ids
+from lidcam.readers.messages.detections import decode_detections3d, track_ids
+from lidcam.readers.messages.objects import decode_tracks
 from lidcam.readers.recording import Loss
 from lidcam.readers.results.result import SOURCE_TOPICS, TRACKS_TOPIC, Result, open_result
 from lidcam.readers.rig.calibration import SensorSource

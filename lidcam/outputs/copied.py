@@ -7,8 +7,8 @@ from pathlib import Path
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.messages.detections import DETECTIONS_3D
 from lidcam.readers.messages.tf import ODOMETRY
-from lidcam.readers.messages.vision.detections import DETECTIONS_3D
 from lidcam.readers.recording import Recording, TopicInfo
 from lidcam.readers.rig.discovery import Discovery
 from lidcam.readers.rig.first_messages import FirstMessages

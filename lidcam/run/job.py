@@ -15,8 +15,7 @@ from lidcam.pipeline.core.settings.validation import did_you_mean
 from lidcam.pipeline.core.text import brief
 from lidcam.pipeline.detectors.given import LIDCAMS_OWN, GivenDetectors
 from lidcam.readers.location import Location, RemotePath, location
-from lidcam.readers.rig.merge import merge_rigs
-from lidcam.readers.rig.rig_file import load_rig
+from lidcam.readers.rig.rig_file import load_rig, merge_rigs
 from lidcam.readers.rig.schema import RigFile
 from lidcam.run.choice import SettingsChoice, choose_settings
 from lidcam.run.effect import named_files

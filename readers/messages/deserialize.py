@@ -6,8 +6,10 @@ md5sum or hash differs from that release's, the messages cannot be decoded.
 """
 
 import re
+import struct
 import threading
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -22,8 +24,165 @@ from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.ros.typestores import known_type, known_types
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.core.text import one_line
-from lidcam.readers.messages.boundary.size_limits import count_items, size_fault
 from lidcam.readers.messages.registry import TYPES
+
+_UINT32 = {"<": struct.Struct("<I"), ">": struct.Struct(">I")}
+_ENCAPSULATION_BYTES = 4
+
+
+class Cursor:
+    """A place in a message that is serialised as `ros1` or `cdr`, and has not been decoded.
+
+    ROS 1 packs fields without gaps (wiki.ros.org/msg). CDR aligns each number to its size, counted from the end of a
+    four-byte encapsulation whose second byte says which end comes first (OMG formal/02-06-51, 9.3; DDSI-RTPS 10.2).
+
+    Attributes:
+        order: Byte order of numbers, `<` or `>`.
+        at: Position of the next byte, counted from the start of `data`.
+    """
+
+    __slots__ = ("_data", "_is_aligned", "at", "order")
+
+    def __init__(self, data: bytes | memoryview, encoding: str) -> None:
+        self._data, self._is_aligned = data, encoding == "cdr"
+        self.at = _ENCAPSULATION_BYTES if self._is_aligned else 0
+        self.order = ">" if self._is_aligned and len(data) > 1 and not data[1] & 1 else "<"
+
+    def skip(self, size: int, count: int = 1) -> None:
+        """Pass over numbers of `size` bytes each."""
+        if count:
+            self._align(size)
+        self.at += size * count
+
+    def uint32(self) -> int:
+        """The next number, also the length of a list.
+
+        Raises:
+            struct.error: the message ends before it.
+        """
+        self._align(4)
+        (value,) = _UINT32[self.order].unpack_from(self._data, self.at)
+        self.at += 4
+        return int(value)
+
+    def string(self) -> str:
+        """The next string.
+
+        Raises:
+            struct.error: the message ends before its length.
+            UnicodeDecodeError: it is not UTF-8.
+        """
+        length = self.uint32()
+        encoded = bytes(self._data[self.at : self.at + length])
+        self.at += length
+        return encoded.rstrip(b"\0").decode()
+
+    def _align(self, size: int) -> None:
+        if self._is_aligned:
+            self.at += (_ENCAPSULATION_BYTES - self.at) % size
+
+
+MAX_FIELDS = 5000
+"""Values in a message: a list counts as one, an array of messages as all its elements."""
+
+MAX_NESTING = 50
+
+SIZES = {
+    **dict.fromkeys(("bool", "byte", "char", "octet", "int8", "uint8"), 1),
+    **dict.fromkeys(("int16", "uint16"), 2),
+    **dict.fromkeys(("int32", "uint32", "float32"), 4),
+    **dict.fromkeys(("int64", "uint64", "float64"), 8),
+    "float128": 16,
+}
+"""Bytes of a number by its type."""
+
+
+class _FaultError(Exception):
+    pass
+
+
+def size_fault(msgtype: str, types: Typesdict) -> str:
+    """Why messages of a type cannot be read at bounded cost; empty if they can. `types` has all that it contains.
+
+    rosbags writes Python code for every field, and for every element of an array of strings or messages. It creates an
+    object for every nested message, even one of zero bytes. A decoded object takes a hundred times the memory of the
+    byte that may represent it: a list of a hundred million small messages fits a recording but not memory.
+    """
+    known: dict[str, int] = {}
+
+    def values(name: str, inside: tuple[str, ...]) -> int:
+        """Number of values in a message of a type."""
+        if name in inside:
+            raise _FaultError(f"{name} contains itself")
+        if len(inside) == MAX_NESTING:
+            raise _FaultError(f"types are nested more than {MAX_NESTING} deep")
+        if name not in known:
+            known[name] = 0
+            for field, (node, detail) in types[name][1]:
+                part: Any = detail[0] if node in {Nodetype.ARRAY, Nodetype.SEQUENCE} else (node, detail)
+                count = int(detail[1]) if node == Nodetype.ARRAY and part[1] not in _IN_ONE_PIECE else 1
+                inner = values(part[1], (*inside, name)) if part[0] == Nodetype.NAME else 1
+                if node == Nodetype.SEQUENCE and not inner:
+                    raise _FaultError(f"{field} is a list of empty messages")
+                known[name] += 1 if node == Nodetype.SEQUENCE else inner * count
+                if known[name] > MAX_FIELDS:
+                    raise _FaultError(f"a message holds more than {MAX_FIELDS} values")
+        return known[name]
+
+    try:
+        values(msgtype, ())
+    except _FaultError as err:
+        return str(err)
+    return ""
+
+
+_IN_ONE_PIECE = frozenset((name, 0) for name in SIZES)
+"""Details of numbers, of which rosbags reads an array at once."""
+
+
+def count_items(store: Typestore, msgtype: str, encoding: str, data: bytes | memoryview, max_items: int) -> int:
+    """The number of strings and messages in lists, in as much of the message as there is; stops beyond `max_items`."""
+    cursor, items = Cursor(memoryview(data), encoding), 0
+
+    def skip_message(name: str) -> None:
+        kind: Any
+        for _, kind in store.fielddefs[name][1]:
+            node, detail = kind
+            if node == Nodetype.ARRAY:
+                (inner, what), length = detail
+                skip_values(inner, what, length)
+            elif node == Nodetype.SEQUENCE:
+                skip_list(*detail[0])
+            else:
+                skip_values(node, detail, 1)
+
+    def skip_list(node: Any, detail: Any) -> None:
+        nonlocal items
+        count = cursor.uint32()
+        if node == Nodetype.NAME or detail[0] not in SIZES:
+            items += count
+            if items > max_items:
+                raise _EnoughError
+        skip_values(node, detail, count)
+
+    def skip_values(node: Any, detail: Any, count: int) -> None:
+        if node == Nodetype.BASE and detail[0] in SIZES:
+            cursor.skip(SIZES[detail[0]], count)
+            return
+        for _ in range(count):
+            if node == Nodetype.NAME:
+                skip_message(str(detail))
+            else:
+                cursor.skip(1, cursor.uint32())
+
+    with suppress(struct.error, _EnoughError):  # decoding reports data that end early
+        skip_message(msgtype)
+    return items
+
+
+class _EnoughError(Exception):
+    pass
+
 
 # rosbag2 joins the IDL texts of a type and its dependencies under such headings.
 IDL_HEADING = re.compile(r"^={80}\nIDL: .*\n", re.MULTILINE)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
-from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize_as
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"

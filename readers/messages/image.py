@@ -26,7 +26,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.core.text import one_line
-from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize_as
 from lidcam.readers.messages.image_header import KINDS, image_size
 from lidcam.readers.messages.registry import decode_as

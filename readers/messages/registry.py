@@ -31,25 +31,25 @@ TYPES: dict[str, MessageType] = {
     "foxglove_msgs/msg/CompressedPointCloud": MessageType("cloud", _COMPRESSED_CLOUD),
     "velodyne_msgs/msg/VelodyneScan": MessageType("cloud", "lidcam.readers.velodyne.scan"),
     "lidcam_msgs/msg/OusterSweep": MessageType("cloud", "lidcam.readers.ouster.decoder:decode_ouster"),
-    "livox_interfaces/msg/CustomMsg": MessageType("cloud", "lidcam.readers.messages.livox:decode_livox"),
-    "livox_ros_driver/msg/CustomMsg": MessageType("cloud", "lidcam.readers.messages.livox:decode_livox"),
-    "livox_ros_driver2/msg/CustomMsg": MessageType("cloud", "lidcam.readers.messages.livox:decode_livox"),
+    "livox_interfaces/msg/CustomMsg": MessageType("cloud", "lidcam.readers.messages.pointcloud:decode_livox"),
+    "livox_ros_driver/msg/CustomMsg": MessageType("cloud", "lidcam.readers.messages.pointcloud:decode_livox"),
+    "livox_ros_driver2/msg/CustomMsg": MessageType("cloud", "lidcam.readers.messages.pointcloud:decode_livox"),
     "sensor_msgs/msg/Image": MessageType("image", "lidcam.readers.messages.image:decode_image"),
     "sensor_msgs/msg/CompressedImage": MessageType("image", "lidcam.readers.messages.image:decode_compressed_image"),
     "foxglove_msgs/msg/CompressedVideo": MessageType("image", "lidcam.readers.video.packets"),
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": MessageType("image", "lidcam.readers.video.packets"),
     "sensor_msgs/msg/CameraInfo": MessageType("camera info", "lidcam.readers.messages.camera_info"),
     "vision_msgs/msg/Detection2DArray": MessageType(
-        "2D boxes", "lidcam.readers.messages.vision.detections:decode_detections2d"
+        "2D boxes", "lidcam.readers.messages.detections:decode_detections2d"
     ),
     "vision_msgs/msg/Detection3DArray": MessageType(
-        "3D boxes", "lidcam.readers.messages.vision.detections:decode_detected_boxes"
+        "3D boxes", "lidcam.readers.messages.detections:decode_detected_boxes"
     ),
     "autoware_perception_msgs/msg/DetectedObjects": MessageType(
-        "3D boxes", "lidcam.readers.messages.objects.autoware:decode_detected_objects"
+        "3D boxes", "lidcam.readers.messages.objects:decode_detected_objects"
     ),
     "autoware_auto_perception_msgs/msg/DetectedObjects": MessageType(
-        "3D boxes", "lidcam.readers.messages.objects.autoware:decode_detected_objects"
+        "3D boxes", "lidcam.readers.messages.objects:decode_detected_objects"
     ),
     "nav_msgs/msg/Odometry": MessageType("odometry", "lidcam.readers.messages.tf:decode_odometry"),
     "tf/msg/tfMessage": MessageType("transforms", "lidcam.readers.messages.tf:decode_transforms"),
@@ -57,7 +57,7 @@ TYPES: dict[str, MessageType] = {
     "diagnostic_msgs/msg/DiagnosticArray": MessageType(
         "diagnostics", "lidcam.readers.messages.diagnostics:decode_diagnostics"
     ),
-    "lidcam_msgs/msg/TrackArray": MessageType("tracks", "lidcam.readers.messages.objects.tracks:decode_tracks"),
+    "lidcam_msgs/msg/TrackArray": MessageType("tracks", "lidcam.readers.messages.objects:decode_tracks"),
 }
 """By name as rosbags writes it. Decoders of one kind take and return the same: a cloud's as `decode_pointcloud2`, an
 image's as `decode_image`, one of 3D boxes as `decode_detected_objects`."""

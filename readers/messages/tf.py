@@ -21,7 +21,7 @@ from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.geometry.transform_tree import TransformTree
 from lidcam.pipeline.core.messages import Drop, RawMessage
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
-from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize_as
 from lidcam.readers.messages.registry import types_of
 from lidcam.readers.recording import Recording

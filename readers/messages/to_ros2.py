@@ -25,7 +25,7 @@ from lidcam.pipeline.core.ros.typestores import known_type
 from lidcam.pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, COUNT_NUMBERS, count_of
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
-from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize, type_parts, typestore_for
 
 HEADER = "std_msgs/msg/Header"

@@ -6,10 +6,9 @@ from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
-from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize_as
-from lidcam.readers.messages.point_time import MAX_OFFSET_NS
-from lidcam.readers.messages.pointcloud2 import check_points
+from lidcam.readers.messages.pointcloud2 import MAX_OFFSET_NS, check_points
 from lidcam.readers.messages.tf import clean_frame
 from lidcam.readers.ouster.packets import SWEEP
 from lidcam.readers.ouster.sensor import sdk, sensor_of

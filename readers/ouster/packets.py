@@ -14,8 +14,7 @@ from rosbags.interfaces import Nodetype
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.ros.messages import ROS2
-from lidcam.readers.messages.cursor import Cursor
-from lidcam.readers.messages.deserialize import typestore_for
+from lidcam.readers.messages.deserialize import Cursor, typestore_for
 
 PACKETS = ("ouster_ros/msg/PacketMsg", "ouster_sensor_msgs/msg/PacketMsg", "ouster_msgs/msg/PacketMsg")
 SWEEP = "lidcam_msgs/msg/OusterSweep"

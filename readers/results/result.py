@@ -20,9 +20,7 @@ from lidcam.pipeline.core.settings.config import UNKNOWN_CLASS, Config
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.pipeline.evaluation.evaluation_frame import SOURCES, UNKNOWN, FrameSync, Motion, ResultFrame, SourceBoxes
-from lidcam.readers.messages.diagnostics import decode_diagnostics
-from lidcam.readers.messages.objects.tracks import TRACKS, decode_tracks
-from lidcam.readers.messages.vision.detections import (
+from lidcam.readers.messages.detections import (
     DETECTIONS_2D,
     DETECTIONS_3D,
     Detections3D,
@@ -30,6 +28,8 @@ from lidcam.readers.messages.vision.detections import (
     decode_detections3d,
     track_ids,
 )
+from lidcam.readers.messages.diagnostics import decode_diagnostics
+from lidcam.readers.messages.objects import TRACKS, decode_tracks
 from lidcam.readers.notes import Notes
 from lidcam.readers.open import open_recording
 from lidcam.readers.recording import DEFAULT_READ_OPTIONS, Closing, ReadOptions, Recording

@@ -9,9 +9,9 @@ from lidcam.pipeline.core.rig import RecordedDetector, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.recording import TopicsConfig
 from lidcam.pipeline.evaluation.evaluation_frame import SOURCES
+from lidcam.readers.messages.detections import DETECTIONS_3D
 from lidcam.readers.messages.registry import types_of
 from lidcam.readers.messages.tf import RecordedTransforms, clean_frame
-from lidcam.readers.messages.vision.detections import DETECTIONS_3D
 from lidcam.readers.recording import Recording, TopicInfo
 from lidcam.readers.rig.calibration import OWN_SITE, SensorSource
 from lidcam.readers.rig.first_messages import FirstMessages

@@ -8,13 +8,12 @@ from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits, VelodyneConfig
-from lidcam.readers.messages.boundary.decoding import decoder
 from lidcam.readers.messages.compressed_cloud import COMPRESSED_CLOUDS, unpack_cloud
+from lidcam.readers.messages.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.messages.image import COMPRESSED_IMAGE
 from lidcam.readers.messages.image_header import image_size
-from lidcam.readers.messages.livox import CUSTOM, parse_livox
-from lidcam.readers.messages.pointcloud import POINT_CLOUD, read_pointcloud
+from lidcam.readers.messages.pointcloud import CUSTOM, POINT_CLOUD, parse_livox, read_pointcloud
 from lidcam.readers.messages.registry import decode_as
 from lidcam.readers.messages.tf import clean_frame
 from lidcam.readers.ouster.decoder import decode_ouster

@@ -13,8 +13,8 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.messages.tf import RecordedTransforms, clean_frame, read_transforms
 from lidcam.readers.recording import Recording, TopicInfo
 from lidcam.readers.rig.assignment import AssignedCamera, AssignedLidar, assign_cameras, assign_lidars
+from lidcam.readers.rig.calibration import rigid_transform
 from lidcam.readers.rig.detectors import BOXES_3D, boxes_frame, find_detector_topics, usable_boxes
-from lidcam.readers.rig.extrinsics import rigid_transform
 from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.rig.schema import Edges, RigFile
 from lidcam.readers.rig.sensor_topics import (

@@ -12,8 +12,8 @@ from lidcam.pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.core.true_boxes import TrueBoxes
+from lidcam.readers.messages.detections import decode_detections3d
 from lidcam.readers.messages.to_ros2 import name_of_number, to_ros2
-from lidcam.readers.messages.vision.detections import decode_detections3d
 from lidcam.readers.recording import Recording
 
 MARGIN_NS = 2_000_000_000

@@ -14,9 +14,9 @@ from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.onnx.class_names import COCO_LABELS
+from lidcam.readers.messages.detections import Detections2D
 from lidcam.readers.messages.image import decode_any_image
 from lidcam.readers.messages.registry import decode_as
-from lidcam.readers.messages.vision.detections import Detections2D
 from lidcam.readers.velodyne.decoder import VelodyneDecoders
 from lidcam.readers.velodyne.scan import PACKET_BYTES, SCAN
 

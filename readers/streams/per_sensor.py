@@ -20,7 +20,7 @@ from rosbags.interfaces import Nodetype
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
-from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize, typestore_for
 from lidcam.readers.messages.foxglove import ROS_TYPES, ros_channel, to_ros
 from lidcam.readers.messages.header_stamp import stamp_or_log_time

@@ -12,7 +12,7 @@ from lidcam.pipeline.core.geometry.posed_boxes import upright_boxes
 from lidcam.pipeline.core.messages import Drop
 from lidcam.pipeline.core.rig import RecordedDetector, Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.readers.messages.objects.found import FoundObjects, ObjectClasses
+from lidcam.readers.messages.objects import FoundObjects, ObjectClasses
 from lidcam.readers.messages.registry import decode_as
 from lidcam.readers.streams.decoders import OnBadMessage
 

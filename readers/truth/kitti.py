@@ -24,7 +24,7 @@ from lidcam.pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.small_files import read_small_text
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
-from lidcam.readers.messages.objects.found import check_boxes
+from lidcam.readers.messages.objects import check_boxes
 from lidcam.readers.rig.importers import KittiCalibration, kitti_calibration
 from lidcam.readers.truth.boxes import Labelled, Labelled2D, label_files, truth_boxes_2d, truth_boxes_3d
 from lidcam.readers.truth.source import TruthSource

@@ -10,7 +10,7 @@ from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, IMAGE_PIXELS, LIDAR_POINTS
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
-from lidcam.readers.messages.vision.detections import Detections3D, track_ids
+from lidcam.readers.messages.detections import Detections3D, track_ids
 
 STEP_BACK_NS = 2_000_000_000
 """Longest step back of the stamps that truth is asked for: images of a frame lie before and after its stamp."""

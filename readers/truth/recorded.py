@@ -15,7 +15,7 @@ from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.ros.vision_numbers import IMAGE_PIXELS
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
-from lidcam.readers.messages.vision.detections import decode_detections2d, decode_detections3d
+from lidcam.readers.messages.detections import decode_detections2d, decode_detections3d
 from lidcam.readers.notes import Notes
 from lidcam.readers.recording import Recording
 from lidcam.readers.truth.moment import STEP_BACK_NS, Moment, class_ids_of, class_names_of, moment_of, object_ids, total

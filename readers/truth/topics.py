@@ -5,7 +5,7 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 from lidcam.pipeline.core.errors import ConfigError
-from lidcam.readers.messages.vision.detections import DETECTIONS_2D, DETECTIONS_3D
+from lidcam.readers.messages.detections import DETECTIONS_2D, DETECTIONS_3D
 from lidcam.readers.recording import Recording
 from lidcam.readers.rig.topic_names import is_truth
 

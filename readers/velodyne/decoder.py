@@ -26,8 +26,8 @@ from lidcam.pipeline.core.messages import Drop, RawMessage
 from lidcam.pipeline.core.settings.bounded_yaml import read_yaml
 from lidcam.pipeline.core.settings.recording import VelodyneConfig
 from lidcam.pipeline.core.settings.validation import checked
-from lidcam.readers.messages.boundary.decoding import decoder
-from lidcam.readers.messages.point_time import MAX_OFFSET_NS
+from lidcam.readers.messages.decoding import decoder
+from lidcam.readers.messages.pointcloud2 import MAX_OFFSET_NS
 from lidcam.readers.velodyne.models import (
     BLOCK_FLAGS,
     MODELS,

@@ -17,8 +17,7 @@ from lidcam.pipeline.core.arrays import I64, U8, Array, Bools
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.ros.messages import ROS2
-from lidcam.readers.messages.cursor import Cursor
-from lidcam.readers.messages.deserialize import typestore_for
+from lidcam.readers.messages.deserialize import Cursor, typestore_for
 from lidcam.readers.messages.tf import clean_frame
 
 SCAN = "velodyne_msgs/msg/VelodyneScan"

@@ -15,7 +15,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import U8
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.messages.tf import clean_frame
 

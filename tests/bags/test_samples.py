@@ -9,8 +9,7 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 
-from lidcam.bags.simulator.scenario.load import load_scenario
-from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.scenario.scenario import Scenario, load_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "bags" / "README.md").read_text(encoding="utf-8")

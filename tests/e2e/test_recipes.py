@@ -123,7 +123,7 @@ import numpy as np
 
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS
-from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize
 
 @decoder

@@ -18,7 +18,7 @@ from lidcam.inspection import inspect_recording
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.processing import process_recording
-from lidcam.readers.messages.vision.detections import decode_detections3d
+from lidcam.readers.messages.detections import decode_detections3d
 from lidcam.readers.open import open_recording
 from lidcam.run.choice import SettingsChoice
 from lidcam.run.job import make_job

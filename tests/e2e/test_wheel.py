@@ -99,7 +99,7 @@ def test_wheel_runs_elsewhere(tmp_path: Path) -> None:
     run(*pip, "install", "--no-index", wheel, cwd=elsewhere)  # the lock is complete
     run(python, "-c", is_foreign, cwd=elsewhere)
     scenarios = (
-        "from lidcam.bags.simulator.scenario.load import load_scenario, scenario_names; "
+        "from lidcam.bags.simulator.scenario.scenario import load_scenario, scenario_names; "
         "print([load_scenario(name).world for name in scenario_names()])"
     )
     assert run(python, "-c", scenarios, cwd=elsewhere).strip() == str(["crossing", "sandbox", "street"])

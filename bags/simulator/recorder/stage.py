@@ -13,11 +13,22 @@ from lidcam.bags.simulator.vehicles.traffic import Traffic
 from lidcam.bags.simulator.world.bodies.cyclist import cyclist_parts
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
 from lidcam.bags.simulator.world.bodies.hulls import front_wheel
-from lidcam.bags.simulator.world.bodies.joints import ArticulatedPath, Carrier, RaisedPath, steered_wheel
 from lidcam.bags.simulator.world.bodies.motor_vehicles import bus, car, model_car, truck, van
 from lidcam.bags.simulator.world.bodies.pedestrian import pedestrian_parts
 from lidcam.bags.simulator.world.mesh import Mesh, paint
-from lidcam.bags.simulator.world.motion import T_BODY_OPTICAL, FixedPath, MountedPath, Mover, Part, Path, UprightBox
+from lidcam.bags.simulator.world.motion import (
+    T_BODY_OPTICAL,
+    ArticulatedPath,
+    Carrier,
+    FixedPath,
+    MountedPath,
+    Mover,
+    Part,
+    Path,
+    RaisedPath,
+    UprightBox,
+    steered_wheel,
+)
 from lidcam.bags.simulator.world.places.places import height_of, mesh_of
 from lidcam.bags.simulator.world.scene import Scene
 from lidcam.pipeline.core.arrays import F64

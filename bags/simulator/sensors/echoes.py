@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidcam.bags.simulator.world.mesh import Material
-from lidcam.bags.simulator.world.rays import STATIC, Hits
+from lidcam.bags.simulator.world.scene import STATIC, Hits
 from lidcam.bags.simulator.world.textures import surface_reflectivity
 from lidcam.pipeline.core.arrays import F64, I64, Table
 

@@ -16,8 +16,7 @@ from lidcam.bags.simulator.sensors.beams import Beams, EncodedPackets, VelodyneP
 from lidcam.bags.simulator.sensors.echoes import NO_ECHO, Echoes, Optics, Reflected, distinct_echoes, intensity
 from lidcam.bags.simulator.sensors.timing import random_numbers
 from lidcam.bags.simulator.world.motion import FixedPath, Path, Span, turned
-from lidcam.bags.simulator.world.rays import Hits, Rays, dotted
-from lidcam.bags.simulator.world.scene import Scene
+from lidcam.bags.simulator.world.scene import Hits, Rays, Scene, dotted
 from lidcam.pipeline.core.arrays import F32, F64, I64, U8, U16, Bools, join_rows
 
 # Columns of `Echoes`, and return types as in `PointCloud.return_type`

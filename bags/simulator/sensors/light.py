@@ -15,7 +15,7 @@ import numpy as np
 from lidcam.bags.simulator.scenario.scenario import SunScenario
 from lidcam.bags.simulator.world.grounds import SIZE, noise
 from lidcam.bags.simulator.world.mesh import Material
-from lidcam.bags.simulator.world.rays import dotted
+from lidcam.bags.simulator.world.scene import dotted
 from lidcam.pipeline.core.arrays import F32, F64, I64
 
 SUN_RGB = np.array([1.15, 1.08, 0.95], np.float32)  # irradiance facing the sun

@@ -8,8 +8,7 @@ import numpy as np
 from lidcam.bags.simulator.sensors.lens import Lens
 from lidcam.bags.simulator.sensors.light import Light, Shading
 from lidcam.bags.simulator.world.motion import Poses
-from lidcam.bags.simulator.world.rays import Surfaces
-from lidcam.bags.simulator.world.scene import Scene
+from lidcam.bags.simulator.world.scene import Scene, Surfaces
 from lidcam.bags.simulator.world.textures import surface_rgb
 from lidcam.pipeline.core.arrays import F32, Bools
 

@@ -20,12 +20,11 @@ from lidcam.bags.simulator.vehicles.footprints import footprint, overlap
 from lidcam.bags.simulator.vehicles.routes import Route
 from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
-from lidcam.bags.simulator.world.bodies.joints import RaisedPath
 from lidcam.bags.simulator.world.mesh import Material, Mesh, merged
-from lidcam.bags.simulator.world.motion import placed_vertices
+from lidcam.bags.simulator.world.motion import RaisedPath, placed_vertices
 from lidcam.bags.simulator.world.open3d_runtime import load_open3d
 from lidcam.bags.simulator.world.places.places import height_of, mesh_of
-from lidcam.bags.simulator.world.rays import dotted, mapped, packed
+from lidcam.bags.simulator.world.scene import dotted, mapped, packed
 from lidcam.bags.simulator.worlds.draw import Family, random_lidar, random_numbers_of, random_scenario
 from lidcam.bags.simulator.worlds.errors import erring_lidar
 from lidcam.bags.simulator.worlds.site import first_state

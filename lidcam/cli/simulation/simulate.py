@@ -23,7 +23,7 @@ Examples:
 
 def _show(name: str | None) -> None:
     if name is not None:
-        from lidcam.bags.simulator.scenario.load import scenario_file
+        from lidcam.bags.simulator.scenario.scenario import scenario_file
 
         typer.echo(scenario_file(name).read_text(encoding="utf-8"), nl=False)
         raise typer.Exit

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from lidcam.cli.groups import GroupedCommand
-from lidcam.cli.options import ConfigFile, Overwrite, RigFile, Setting, ends_in, with_log_options
+from lidcam.cli.options import ConfigFile, GroupedCommand, Overwrite, RigFile, Setting, ends_in, with_log_options
 from lidcam.pipeline.core.errors import ConfigError, LidcamError, OutputError
 
 if TYPE_CHECKING:

@@ -17,8 +17,7 @@ from lidcam.pipeline.core.arrays import F32, F64, I64
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.readers.messages.point_time import TIME_FIELDS
-from lidcam.readers.messages.pointcloud2 import INTENSITY_FIELDS, RING_FIELDS
+from lidcam.readers.messages.pointcloud2 import INTENSITY_FIELDS, RING_FIELDS, TIME_FIELDS
 from lidcam.readers.messages.registry import types_of
 from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.natural_order import natural_key

@@ -6,8 +6,7 @@ import pytest
 import yaml
 
 from lidcam.bags.simulator.recorder.stage import true_rig
-from lidcam.bags.simulator.scenario.load import load_scenario
-from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.scenario.scenario import Scenario, load_scenario
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.geometry.transform import rotation_fault
 

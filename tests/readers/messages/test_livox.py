@@ -14,7 +14,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.messages.deserialize import deserialize
-from lidcam.readers.messages.livox import PACKAGES, decode_livox
+from lidcam.readers.messages.pointcloud import PACKAGES, decode_livox
 from lidcam.readers.messages.registry import decode_as
 from lidcam.readers.rig.discovery import discover_rig
 

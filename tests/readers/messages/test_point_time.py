@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidcam.pipeline.core.arrays import I32, Array
-from lidcam.readers.messages.point_time import MAX_OFFSET_NS, point_time_offsets
+from lidcam.readers.messages.pointcloud2 import MAX_OFFSET_NS, point_time_offsets
 
 STAMP_NS = 1_700_000_000_123_456_789
 SWEEP_NS = np.array([-100_000_000, -50_000_000, 0, 25_000_000, 100_000_000])

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from lidcam.readers.rig.extrinsics import decompose_projection, rigid_transform
+from lidcam.readers.rig.calibration import decompose_projection, rigid_transform
 
 
 @given(

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from lidcam.pipeline.core.errors import CalibrationError
 from lidcam.pipeline.core.rig import TruthVehicle
-from lidcam.readers.rig.merge import merge_rigs
+from lidcam.readers.rig.rig_file import merge_rigs
 from lidcam.readers.rig.schema import RigFile, parse_rig
 
 EYE = np.eye(4).tolist()

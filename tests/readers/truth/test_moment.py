@@ -9,7 +9,7 @@ from truth_messages import true_object, truth_message
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
-from lidcam.readers.messages.vision.detections import decode_detections3d, track_ids
+from lidcam.readers.messages.detections import decode_detections3d, track_ids
 from lidcam.readers.truth.moment import Moment, counted, moment_of, projected_truth, total
 
 CONFIG = Config()

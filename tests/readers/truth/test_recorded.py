@@ -11,7 +11,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
-from lidcam.readers.messages.vision.detections import track_ids
+from lidcam.readers.messages.detections import track_ids
 from lidcam.readers.truth.recorded import RecordedTruth
 from lidcam.readers.truth.topics import TruthTopics, find_truth_topics
 

@@ -14,7 +14,7 @@ from lidcam.pipeline.core.rig import Zone
 from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.pipeline.core.ros.typestores import message_types
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
-from lidcam.readers.messages.vision.detections import decode_detections3d, track_ids
+from lidcam.readers.messages.detections import decode_detections3d, track_ids
 from lidcam.writers.messages.detections import detections_2d, detections_3d, lidcam_objects, track_array
 
 NAMES = CONFIG.class_names

@@ -9,7 +9,6 @@ from functools import cache
 import numpy as np
 
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
-from lidcam.bags.simulator.world.bodies.joints import WALKED, ArticulatedPath, Carrier, pitched, steered_fork
 from lidcam.bags.simulator.world.bodies.pedestrian import (
     HIP_Y_M,
     REFERENCE,
@@ -38,7 +37,7 @@ from lidcam.bags.simulator.world.mesh import (
     sphere,
     torus,
 )
-from lidcam.bags.simulator.world.motion import Part, Poses
+from lidcam.bags.simulator.world.motion import WALKED, ArticulatedPath, Carrier, Part, Poses, pitched, steered_fork
 from lidcam.pipeline.core.arrays import F64
 
 CRANK = (0.44, 0.29)  # x and z of the crank axle

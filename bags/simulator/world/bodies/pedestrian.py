@@ -11,9 +11,8 @@ from zlib import crc32
 
 import numpy as np
 
-from lidcam.bags.simulator.world.bodies.joints import SPEED, WALKED, ArticulatedPath, Carrier, pitched
 from lidcam.bags.simulator.world.mesh import Material, Mesh, Rgb, ellipses, limb, merged, sphere
-from lidcam.bags.simulator.world.motion import Part, Poses
+from lidcam.bags.simulator.world.motion import SPEED, WALKED, ArticulatedPath, Carrier, Part, Poses, pitched
 from lidcam.pipeline.core.arrays import F64
 
 Limb = Literal["thigh", "shin", "arm"]

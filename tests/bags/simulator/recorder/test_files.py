@@ -26,10 +26,10 @@ from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.messages.camera_info import camera_model
 from lidcam.readers.messages.deserialize import deserialize
+from lidcam.readers.messages.detections import decode_detections2d
 from lidcam.readers.messages.image import decode_any_image
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 from lidcam.readers.messages.tf import decode_odometry, decode_transforms
-from lidcam.readers.messages.vision.detections import decode_detections2d
 from lidcam.readers.open import open_recording
 from lidcam.readers.velodyne.scan import parse_velodyne_scan
 from lidcam.writers.outputs.marks import is_unchanged_text

@@ -13,8 +13,7 @@ from lidcam.bags.simulator.recorder.processes import SensingProcess, shared_out
 from lidcam.bags.simulator.recorder.recorded import SensingTask
 from lidcam.bags.simulator.recorder.sensing import Sensing
 from lidcam.bags.simulator.recorder.stage import Stage
-from lidcam.bags.simulator.scenario.load import load_scenario
-from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.scenario.scenario import Scenario, load_scenario
 from lidcam.bags.simulator.vehicles.ackermann import AckermannCommand
 from lidcam.pipeline.core.errors import ConfigError, LidcamError
 

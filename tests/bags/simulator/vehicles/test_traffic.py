@@ -4,8 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidcam.bags.simulator.scenario.load import load_scenario
-from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.scenario.scenario import Scenario, load_scenario
 from lidcam.bags.simulator.vehicles.ackermann import HABITS, AckermannCommand
 from lidcam.bags.simulator.vehicles.footprints import footprint, overlap
 from lidcam.bags.simulator.vehicles.traffic import STEP_NS, Traffic

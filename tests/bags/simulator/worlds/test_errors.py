@@ -2,8 +2,7 @@ from functools import partial
 
 import numpy as np
 
-from lidcam.bags.simulator.scenario.load import load_scenario
-from lidcam.bags.simulator.scenario.scenario import Scenario
+from lidcam.bags.simulator.scenario.scenario import Scenario, load_scenario
 from lidcam.bags.simulator.worlds.errors import with_errors
 from lidcam.simulation import scenario_of
 

@@ -6,8 +6,7 @@ import pytest
 from lidcam.bags.simulator.scenario.scenario import GroundScenario, RoadScenario, ThingKind, ThingScenario
 from lidcam.bags.simulator.vehicles.footprints import things_in_the_way
 from lidcam.bags.simulator.world.places.open_world import open_height, open_mesh
-from lidcam.bags.simulator.world.rays import Rays
-from lidcam.bags.simulator.world.scene import Scene
+from lidcam.bags.simulator.world.scene import Rays, Scene
 
 ROAD = RoadScenario(from_m=(-50, 0), to_m=(50, 0), width_m=8)
 GROUND = GroundScenario(

@@ -6,8 +6,7 @@ from meshes import open_edges
 
 from lidcam.bags.simulator.world.mesh import Mesh
 from lidcam.bags.simulator.world.places.places import World, ground_height, static_mesh
-from lidcam.bags.simulator.world.rays import Rays
-from lidcam.bags.simulator.world.scene import Scene
+from lidcam.bags.simulator.world.scene import Rays, Scene
 
 WORLDS: tuple[World, ...] = get_args(World)
 

@@ -4,7 +4,7 @@ import pytest
 
 from lidcam.pipeline.core.errors import ConfigError, MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
-from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.decoding import decoder
 
 MESSAGE = RawMessage(0, 0, (0, 0), b"abc", Channel("/t", "a/msg/B", "cdr"))
 

@@ -7,7 +7,7 @@ from builders import Fields
 
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
-from lidcam.readers.messages.vision.detections import Detections3D, decode_detections3d, track_ids
+from lidcam.readers.messages.detections import Detections3D, decode_detections3d, track_ids
 
 STAMP_NS = 1_700_000_000_123_456_789
 MSGTYPE = "vision_msgs/msg/Detection3DArray"

@@ -9,9 +9,8 @@ from scipy.spatial.transform import Rotation
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.recording import RecordingLimits
-from lidcam.readers.messages.objects.autoware import DETECTED_OBJECTS, decode_detected_objects
-from lidcam.readers.messages.objects.found import FoundObjects, ObjectClasses
-from lidcam.readers.messages.vision.detections import decode_detected_boxes
+from lidcam.readers.messages.detections import decode_detected_boxes
+from lidcam.readers.messages.objects import DETECTED_OBJECTS, FoundObjects, ObjectClasses, decode_detected_objects
 
 STAMP_NS = 1_700_000_000_123_456_789
 CONFIG = Config()

@@ -8,7 +8,7 @@ from builders import Fields
 from message_layouts import message_of_layout
 
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.readers.messages.vision.detections import Detections2D, decode_detections2d
+from lidcam.readers.messages.detections import Detections2D, decode_detections2d
 
 STAMP_NS = 1_700_000_000_123_456_789
 MSGTYPE = "vision_msgs/msg/Detection2DArray"

@@ -10,7 +10,7 @@ from track_messages import track, track_array
 
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.settings.recording import RecordingLimits
-from lidcam.readers.messages.objects.tracks import decode_tracks
+from lidcam.readers.messages.objects import decode_tracks
 
 STAMP_NS = 1_700_000_000_123_456_789
 

@@ -6,8 +6,7 @@ import numpy as np
 from object_messages import Recorded, autoware_message, autoware_object
 
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.readers.messages.objects.autoware import ANY_HEADING_RAD2, decode_detected_objects
-from lidcam.readers.messages.objects.found import FoundObjects, ObjectClasses
+from lidcam.readers.messages.objects import ANY_HEADING_RAD2, FoundObjects, ObjectClasses, decode_detected_objects
 
 CLASSES = ObjectClasses(Config())
 HALF = np.sqrt(0.5)

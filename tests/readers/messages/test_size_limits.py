@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
-from lidcam.readers.messages.boundary.size_limits import count_items
-from lidcam.readers.messages.deserialize import deserialize, typestore_for
+from lidcam.readers.messages.deserialize import count_items, deserialize, typestore_for
 
 RULE = "=" * 80
 DEFINITION = (

@@ -26,9 +26,9 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.ros.vision_numbers import count_of
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
-from lidcam.readers.messages.boundary.decoding import decoder
+from lidcam.readers.messages.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize_as
-from lidcam.readers.messages.objects.found import FoundObjects, ObjectClasses, check_boxes, found_objects
+from lidcam.readers.messages.objects import FoundObjects, ObjectClasses, check_boxes, found_objects
 from lidcam.readers.messages.tf import clean_frame
 
 _NO_COVARIANCE = np.zeros(36)

@@ -1,1 +1,0 @@
-"""vision_msgs: boxes in images and in space."""
