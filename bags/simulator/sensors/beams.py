@@ -8,7 +8,6 @@ rounded to 0.01 degrees, packet times to microseconds, ranges to the model's ste
 
 from dataclasses import dataclass
 from math import ceil
-from typing import Literal
 
 import numpy as np
 
@@ -59,41 +58,38 @@ class EncodedPackets:
         return EncodedPackets(stamps_ns, payload)
 
 
-class VelodyneSensor:
-    """A Velodyne with one bank of lasers that spins evenly from a start time on, where packets are counted from.
+class VelodynePattern:
+    """The sweeps of an evenly spinning Velodyne with one bank of lasers; packets count from its first firing."""
 
-    Args:
-        model: A model of `MODELS`.
-        start_ns: Time of the first firing of packet 0.
-        turn_hz: Turns per second.
-        start_azimuth_deg: Azimuth at `start_ns`, clockwise from the front.
-        return_mode: The echoes that are sent.
-    """
-
-    def __init__(
-        self,
-        model: str,
-        start_ns: int,
-        turn_hz: float = 10.0,
-        start_azimuth_deg: float = 0.0,
-        return_mode: Literal["strongest", "last", "dual"] = "strongest",
-    ) -> None:
-        self.model, self.start_ns, self.return_mode = model, start_ns, return_mode
-        self._turn_hz, self._start_azimuth_deg = turn_hz, start_azimuth_deg
-        self._facts, self._table = MODELS[model], built_in_table(model)
-        self._columns = BLOCKS // (2 if return_mode == "dual" else 1)
+    def __init__(self, scenario: LidarScenario) -> None:
+        self._scenario, self._start_ns = scenario, round(scenario.phase_ms * MS)
+        self._facts, self._table = MODELS[scenario.model], built_in_table(scenario.model)
+        self.elevation_rad: F64 = self._table.elevation_rad
+        self.range_step_m = self._facts.range_step_m
+        self._columns = BLOCKS // (2 if scenario.return_mode == "dual" else 1)
         self._firings_per_block = SLOTS // self._facts.lasers
         self._packet_us = self._facts.column_us * self._columns
         self._laser_us = np.array(self._facts.slot_us[0][: self._facts.lasers], np.float64)  # since the firing began
-        self.firings_per_packet = self._columns * self._firings_per_block
-        self.packets_per_turn: float = 1e6 / turn_hz / self._packet_us  # usually not a whole number
+        self._turn_rad_us = 2 * np.pi * scenario.rate_hz * 1e-6
 
-    def beams(self, first_packet: int, packets: int) -> Beams:
-        """The beams of `packets` packets from `first_packet` on, F = packets x firings_per_packet."""
-        firing_us, table = self._firing_us(first_packet, packets), self._table
+    def begin_ns(self, number: int) -> int:
+        """True time of the first firing of a sweep, where the one before it ends."""
+        first, _ = self._first_and_count(number)
+        return self._start_ns + round(first * self._packet_us * 1000)
+
+    def _first_and_count(self, number: int) -> tuple[int, int]:
+        """The first packet of a sweep, and the number of its packets: those that start within its turn."""
+        per_turn: float = 1e6 / self._scenario.rate_hz / self._packet_us  # usually not a whole number
+        # Rounding must not move a packet that starts with the turn to the one before.
+        first, end = (ceil(turn * per_turn - 1e-6) for turn in (number, number + 1))
+        return first, end - first
+
+    def beams(self, number: int) -> Beams:
+        """The beams of a sweep."""
+        firing_us, table = self._firing_us(number), self._table
         # An azimuth is the sum of one per firing and one per laser: cosine and sine are only needed of these.
         firing = self._azimuth_rad(firing_us)[:, None]
-        laser = 2 * np.pi * self._turn_hz * 1e-6 * self._laser_us - table.azimuth_offset_rad
+        laser = self._turn_rad_us * self._laser_us - table.azimuth_offset_rad
         across = np.cos(table.elevation_rad)
         cos, sin = across * np.cos(laser), across * np.sin(laser)
         directions = np.empty((len(firing), len(table), 3))
@@ -102,96 +98,65 @@ class VelodyneSensor:
         directions[:, :, 2] = np.sin(table.elevation_rad)
         origins = np.stack([np.zeros(len(table)), np.zeros(len(table)), table.vertical_offset_m], axis=-1)
         times_us = firing_us[:, None] + self._laser_us
-        times_ns = self.start_ns + np.rint(times_us * 1000).astype(np.int64)
+        times_ns = self._start_ns + np.rint(times_us * 1000).astype(np.int64)
         # Packets round the azimuth of each block to 0.01 degrees; the error carries over to its second firing.
-        true_deg = np.rad2deg(self._azimuth_rad(self._block_us(first_packet, packets).reshape(-1)))
+        true_deg = np.rad2deg(self._azimuth_rad(self._block_us(number).reshape(-1)))
         error_rad = np.repeat(np.deg2rad(np.rint(true_deg * 100) / 100 - true_deg), self._firings_per_block)
-        return Beams(directions, origins, times_ns, error_rad)
+        first_packet, _ = self._first_and_count(number)
+        stride = self._scenario.firing_stride
+        kept = slice(-first_packet * self._columns * self._firings_per_block % stride, None, stride)
+        return Beams(directions[kept], origins, times_ns[kept], error_rad[kept])
 
-    def packet_ns(self, packet: int) -> int:
-        """Time of the first firing of a packet."""
-        return self.start_ns + round(packet * self._packet_us * 1000)
-
-    def encode(self, first_packet: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets:
-        """Packets with the ranges along `beams`.
+    def encode(self, number: int, ranges_m: F64, reflectivity: U8) -> EncodedPackets:
+        """The packets of a sweep with the ranges along its beams.
 
         Args:
-            first_packet: Number of the first packet.
-            ranges_m: (F, L) metres by firing and laser id, F firings of whole packets; in dual mode (F, L, 2), the last
-                return, then the strongest. Values that are not finite, not positive or too large are no return.
+            number: The sweep.
+            ranges_m: (F, L) metres by firing and laser id; in dual mode (F, L, 2), the last return, then the strongest.
+                Values that are not finite, not positive or too large are no return.
             reflectivity: Like `ranges_m`.
         """
-        packets, returns = len(ranges_m) // self.firings_per_packet, BLOCKS // self._columns
+        times_us, returns = self._block_us(number), BLOCKS // self._columns
         with np.errstate(invalid="ignore"):
             steps = np.rint(ranges_m / self._facts.range_step_m)
             steps = np.where((steps > 0) & (steps <= 0xFFFF), steps, 0).astype(np.uint16)
-        times_us = self._block_us(first_packet, packets)
         azimuth = np.rint(np.rad2deg(self._azimuth_rad(times_us)) * 100).astype(np.int64) % 36000
 
         def by_return(values: U16 | U8) -> U16 | U8:
             """In block layout: (packets, columns, returns, 32)."""
-            return np.moveaxis(values.reshape(packets, self._columns, SLOTS, returns), 3, 2)
+            return np.moveaxis(values.reshape(-1, self._columns, SLOTS, returns), 3, 2)
 
-        table = np.zeros(packets, _PACKET)
-        blocks = table["blocks"].reshape(packets, self._columns, returns)
+        table = np.zeros(len(times_us), _PACKET)
+        blocks = table["blocks"].reshape(-1, self._columns, returns)
         blocks["flag"] = BLOCK_FLAGS[0]
         blocks["azimuth"] = azimuth[:, :, None]
         blocks["echoes"]["steps"] = by_return(steps)
         blocks["echoes"]["reflectivity"] = by_return(np.where(steps, reflectivity, 0))
-        stamps_ns = self.start_ns + np.rint(times_us[:, 0] * 1000).astype(np.int64)
+        stamps_ns = self._start_ns + np.rint(times_us[:, 0] * 1000).astype(np.int64)
         table["time_us"] = _hour_us(stamps_ns)
-        table["mode"] = RETURN_BYTES[self.return_mode]
+        table["mode"] = RETURN_BYTES[self._scenario.return_mode]
         table["product"] = self._facts.product
-        return EncodedPackets(stamps_ns, np.frombuffer(table.tobytes(), np.uint8).reshape(packets, -1))
+        return EncodedPackets(stamps_ns, np.frombuffer(table.tobytes(), np.uint8).reshape(len(table), -1))
 
-    def _firing_us(self, first_packet: int, packets: int) -> F64:
-        """(F,) since `start_ns`."""
-        packet_us = (first_packet + np.arange(packets)) * self._packet_us
+    def _firing_us(self, number: int) -> F64:
+        """(F,) times of the firings of a sweep, since the first one of all."""
+        first, count = self._first_and_count(number)
+        packet_us = (first + np.arange(count)) * self._packet_us
         slot_us = self._facts.slot_us[0][:: self._facts.lasers][: self._firings_per_block]
         block_us = np.arange(self._columns) * self._facts.column_us
         return np.asarray((packet_us[:, None, None] + block_us[:, None] + np.array(slot_us, np.float64)).reshape(-1))
 
-    def _block_us(self, first_packet: int, packets: int) -> F64:
-        """(packets, columns) times of the first firing of each block, since `start_ns`."""
-        return self._firing_us(first_packet, packets).reshape(packets, self._columns, -1)[:, :, 0]
+    def _block_us(self, number: int) -> F64:
+        """(packets, columns) times of the first firing of each block."""
+        return self._firing_us(number).reshape(-1, self._columns, self._firings_per_block)[:, :, 0]
 
     def _azimuth_rad(self, times_us: F64) -> F64:
-        return np.asarray(np.deg2rad(self._start_azimuth_deg) + 2 * np.pi * self._turn_hz * 1e-6 * times_us)
+        return np.asarray(np.deg2rad(self._scenario.start_azimuth_deg) + self._turn_rad_us * times_us)
 
 
 def _hour_us(stamps_ns: I64) -> I64:
     """Microseconds since the full hour, rounded."""
     return (stamps_ns + 500) // 1000 % 3_600_000_000
-
-
-class VelodynePattern:
-    """The sweeps of a Velodyne."""
-
-    def __init__(self, scenario: LidarScenario) -> None:
-        start_ns = round(scenario.phase_ms * MS)
-        self.sensor = VelodyneSensor(
-            scenario.model, start_ns, scenario.rate_hz, scenario.start_azimuth_deg, scenario.return_mode
-        )
-        self._stride = scenario.firing_stride
-        self.elevation_rad: F64 = built_in_table(scenario.model).elevation_rad
-        self.range_step_m = MODELS[scenario.model].range_step_m
-
-    def begin_ns(self, number: int) -> int:
-        """True time of the first firing of a sweep, where the one before it ends."""
-        return self.sensor.packet_ns(self.packets(number).start)
-
-    def packets(self, number: int) -> range:
-        """Numbers of the packets of a sweep: those that start within its turn."""
-        per_turn = self.sensor.packets_per_turn
-        # Rounding must not move a packet that starts with the turn to the one before.
-        return range(ceil(number * per_turn - 1e-6), ceil((number + 1) * per_turn - 1e-6))
-
-    def beams(self, number: int) -> Beams:
-        """The beams of a sweep."""
-        packets = self.packets(number)
-        beams = self.sensor.beams(packets.start, len(packets))
-        kept = slice(-packets.start * self.sensor.firings_per_packet % self._stride, None, self._stride)
-        return Beams(beams.directions[kept], beams.origins, beams.times_ns[kept], beams.azimuth_error_rad[kept])
 
 
 class LinearPattern:

@@ -91,10 +91,7 @@ class Lidar:
         if self.scenario.output != "points" and isinstance(self._pattern, VelodynePattern):
             shape = (*beams.times_ns.shape, *([2] if self._dual else []))
             reflectivity = brightness.reshape(shape).astype(np.uint8)
-            packets = self._pattern.sensor.encode(
-                self._pattern.packets(number).start, range_m.reshape(shape), reflectivity
-            )
-
+            packets = self._pattern.encode(number, range_m.reshape(shape), reflectivity)
         return_type = None
         if self._dual:
             both = steps[:, 0] == steps[:, 1]
