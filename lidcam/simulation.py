@@ -15,7 +15,6 @@ from lidcam.bags.simulator.recorder.files import (
     ros_version_of,
 )
 from lidcam.bags.simulator.recorder.processes import simulating
-from lidcam.bags.simulator.recorder.recorded import Recorded
 from lidcam.bags.simulator.scenario.scenario import Scenario, load_scenario, overridden
 from lidcam.bags.simulator.worlds.errors import with_errors
 from lidcam.evaluation.evaluate import Progress, not_shown
@@ -78,11 +77,13 @@ def simulate_recording(
         recording_to(output, found, read=scenario, overwrite=overwrite, workers=workers) as opened,
         show(found.duration_s) as advance,
     ):
-        simulation, recorder = opened
+        (simulation, write), messages = opened, 0
         for recorded in simulation.run(found.duration_s):
-            recorder.write_messages(recorded)
-            advance(simulation.now_ns * 1e-9, f"{recorder.messages} messages")
-    return recorder.messages, simulation.now_ns * 1e-9
+            for one in recorded:
+                write(one, found.start_ns)
+            messages += len(recorded)
+            advance(simulation.now_ns * 1e-9, f"{messages} messages")
+    return messages, simulation.now_ns * 1e-9
 
 
 def scenario_of(
@@ -113,20 +114,6 @@ def scenario_of(
     return with_errors(scenario) if errors or (errors is None and family) else scenario
 
 
-class Recorder:
-    """Writes messages to a file and counts them."""
-
-    def __init__(self, write: WriteMessage, start_ns: int) -> None:
-        self._write, self._start_ns = write, start_ns
-        self.messages = 0
-
-    def write_messages(self, recorded: list[Recorded]) -> None:
-        """Write the messages of one step."""
-        for one in recorded:
-            self._write(one, self._start_ns)
-        self.messages += len(recorded)
-
-
 @contextlib.contextmanager
 def recording_to(
     output: Path,
@@ -136,8 +123,8 @@ def recording_to(
     overwrite: bool,
     workers: int | None = None,
     driven: tuple[str, ...] = (),
-) -> Iterator[tuple["Simulation", Recorder]]:
-    """A simulation and the file that it is recorded to.
+) -> Iterator[tuple["Simulation", WriteMessage]]:
+    """A simulation, and what writes its messages to a file.
 
     Args:
         output: The recording; the ending of its name says its format.
@@ -162,4 +149,4 @@ def recording_to(
 
         rig = rig_yaml(true_rig(scenario))
         with recording_file(outputs, output, rig_yaml=rig, scenario_yaml=text) as write:
-            yield simulation, Recorder(write, scenario.start_ns)
+            yield simulation, write

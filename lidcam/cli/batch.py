@@ -14,7 +14,6 @@ from lidcam.run.options import SharedOptions
 if TYPE_CHECKING:
     from lidcam.batches.records import JobRecord
 
-# \b keeps the lines of a paragraph as they are.
 BATCH_EXAMPLES = """\b
 Exit codes: 0 all done; 3 part of a recording could not be used; 1 a recording
 failed; 2 wrong usage. If one recording fails, the others go on.

@@ -10,7 +10,6 @@ import typer
 from lidcam.cli.options import AsJson, GroupedCommand, with_log_options
 from lidcam.cli.printing.escaping import visible_lines
 
-# \b keeps the lines of a paragraph as they are.
 CONFIG_EXAMPLES = """\b
 Examples:
   lidcam config list

@@ -18,7 +18,6 @@ from lidcam.cli.options import (
 from lidcam.cli.printing.log import is_verbose
 from lidcam.cli.verdict import Verdict
 
-# \b keeps the lines of a paragraph as they are.
 EVALUATE_EXAMPLES = """\b
 Exit codes: 0 done, all requirements met; 1 a requirement is not met, or
 nothing could be evaluated; 2 wrong usage; 3 done, but part of the result is

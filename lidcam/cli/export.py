@@ -10,7 +10,6 @@ from lidcam.cli.printing.log import remark_log
 from lidcam.cli.verdict import Verdict
 from lidcam.outputs.registry import DatasetFormat
 
-# \b keeps the lines of a paragraph as they are.
 EXPORT_EXAMPLES = """\b
 Examples:
   lidcam export out.mcap --format kitti --out dataset

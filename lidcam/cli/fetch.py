@@ -8,7 +8,6 @@ from lidcam.cli.options import with_log_options
 from lidcam.cli.printing.log import remark_log
 from lidcam.networks.known import NETWORKS, NetworkName
 
-# \b keeps the lines of a paragraph as they are.
 FETCH_EXAMPLES = """\b
 Examples:
   lidcam fetch yolox-nano

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from lidcam.run.job import Job
     from lidcam.writers.outputs.transaction import OutputFile
 
-# \b keeps the lines of a paragraph as they are.
 INSPECT_EXAMPLES = """\b
 Exit codes: 0 sound, all sensors usable; 3 messages are lost, or sensors would
 be left out; 1 cannot be processed, or a requirement is not met; 2 wrong
@@ -113,7 +112,8 @@ def inspect(
                 inspection = inspect_open(recording, job.settings, job.rig, TimeWindow())
                 remarks += _repair(recorded, outputs[repair])
                 inspection = replace(inspection, losses=recorded.losses)
-                verdict = Verdict((), (*damage_lines(recorded.losses), *_not_copied(recorded)))
+                left = [f"{one.topic}: {one.message_count} messages not copied" for one in _unreadable(recorded)]
+                verdict = Verdict((), (*damage_lines(recorded.losses), *left))
         if check and not inspection.problem:
             checked, whole = _checked(job)
         if write_rig is not None and checked is not None:
@@ -207,11 +207,6 @@ def _repair(recording: "Recording", output: "OutputFile") -> Iterator[str]:
     yield f"wrote {output.path}: {count} messages"
     for info in _unreadable(recording):
         yield f"not copied: {info.topic}, {info.message_count} messages: {info.unreadable}"
-
-
-def _not_copied(recording: "Recording") -> Iterator[str]:
-    for info in _unreadable(recording):
-        yield f"{info.topic}: {info.message_count} messages not copied"
 
 
 def _unreadable(recording: "Recording") -> list["TopicInfo"]:

@@ -33,7 +33,10 @@ class Program(TyperGroup):
 
 
 class GroupedCommand(TyperCommand):
-    """A command whose help lists its options by group, in the order in which the groups first occur."""
+    r"""A command whose help lists its options by group, in the order in which the groups first occur.
+
+    In the examples below the options, `\b` keeps the lines of a paragraph as they are.
+    """
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """The parts of the usage line; arguments as they are called, without braces."""

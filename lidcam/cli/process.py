@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-# \b keeps the lines of a paragraph as they are.
 PROCESS_EXAMPLES = """\b
 Exit codes: 0 done, nothing is missing; 1 failed, nothing was written (if
 --strict is not met, the outputs are kept); 2 wrong usage; 3 done, but part

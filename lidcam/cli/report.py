@@ -9,7 +9,6 @@ from lidcam.cli.options import Overwrite, output_option, with_log_options
 from lidcam.cli.printing.log import remark_log
 from lidcam.cli.verdict import Verdict
 
-# \b keeps the lines of a paragraph as they are.
 REPORT_EXAMPLES = """\b
 Examples:
   lidcam report out.mcap

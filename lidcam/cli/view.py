@@ -8,7 +8,6 @@ import typer
 from lidcam.cli.options import with_log_options
 from lidcam.pipeline.core.errors import OutputError
 
-# \b keeps the lines of a paragraph as they are.
 VIEW_EXAMPLES = """\b
 Examples:
   lidcam view out.rrd

@@ -233,7 +233,7 @@ def add_boxes3d(
         found = graph.add_stage("detect 3D", called, graph.frame, combined)
         return found, graph.add_stage("3D boxes", itemgetter(GIVEN), found, timed=False)
     if config.detect3d.method != "recorded":
-        nothing = graph.add_stage("no recorded 3D boxes", _no_boxes3d, graph.frame, timed=False)
+        nothing = graph.add_stage("no recorded 3D boxes", _nothing, graph.frame, timed=False)
         detect = Detect3D(rig, config, has_2d_boxes=has_2d_boxes)
         return nothing, graph.add_stage("detect 3D", partial(known.in_cloud, rig, detect), graph.frame, combined)
     from lidcam.readers.streams.recorded3d import RecordedBoxes3D
@@ -259,7 +259,7 @@ def add_boxes2d(
     """
     source = _wanted_boxes(config, rig)
     if source == "none":
-        nothing = graph.add_stage("no 2D boxes", _no_boxes2d, graph.frame, timed=False)
+        nothing = graph.add_stage("no 2D boxes", _nothing, graph.frame, timed=False)
         return nothing, nothing, frozenset(), frozenset()
     if source == "recorded":
         recorded = graph.add_stage("read 2D boxes", RecordedBoxes(rig, config, on_bad=on_bad), graph.frame)
@@ -298,9 +298,5 @@ def _wanted_boxes(config: Config, rig: Rig) -> BoxSource:
     return "recorded" if any(camera.boxes_topic for camera in rig.cameras) else "none"
 
 
-def _no_boxes2d(_: SensorBundle) -> Decoded[Boxes2D]:
-    return Decoded({})
-
-
-def _no_boxes3d(_: SensorBundle) -> Decoded[Boxes3D]:
+def _nothing(_: SensorBundle) -> Decoded[Any]:
     return Decoded({})

@@ -1,14 +1,13 @@
 """Data missing from a result: sensors that were silent or are in no frame, and the lines of exit code 3."""
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
 from lidcam.pipeline.core.rig import BOXES_SUFFIX, Rig
 from lidcam.pipeline.stages.sync.attendance import Absence
 from lidcam.readers.recording import Loss
-from lidcam.readers.rig.sensor_topics import SensorFault
 from lidcam.run.warning import RunWarning
 
 MAX_SPANS_NAMED = 3
@@ -134,8 +133,9 @@ def absent_sensors(
 
     `dropped` is the number of dropped messages by topic: those of a short recording count, too.
     """
-    absent = never_used(missing) + [sensor for sensor in missing if sensor.is_apart]
-    names = {sensor.sensor for sensor in absent}
+    never_used = [sensor for sensor in missing if sensor.alive_frames and sensor.frames == sensor.of_frames]
+    absent = never_used + [sensor for sensor in missing if sensor.is_apart]
+    cameras = {f"{sensor.sensor}{BOXES_SUFFIX}" for sensor in absent}
     return [
         sensor
         for sensor in absent
@@ -143,7 +143,7 @@ def absent_sensors(
             sensor.of_frames >= MIN_FRAMES
             or max(dropped.get(sensor.topic, 0), sensor.of_frames - sensor.frames) >= MIN_MESSAGES
         )
-        and not with_camera(sensor.sensor, names)
+        and sensor.sensor not in cameras
     ]
 
 
@@ -173,21 +173,6 @@ def apart_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
         for sensor in absent_sensors(missing)
         if sensor.is_apart
     ]
-
-
-def never_used(missing: Sequence[MissingSensor]) -> list[MissingSensor]:
-    """Sensors that sent messages but are in no frame."""
-    return [sensor for sensor in missing if sensor.alive_frames and sensor.frames == sensor.of_frames]
-
-
-def with_camera(name: str, names: Collection[str]) -> bool:
-    """Whether a name is that of the boxes of a camera that is among the names."""
-    return name.endswith(BOXES_SUFFIX) and name.removesuffix(BOXES_SUFFIX) in names
-
-
-def left_out_lines(faults: Sequence[SensorFault]) -> list[str]:
-    """One line for each sensor that is left out."""
-    return [f"{fault.subject} is left out" for fault in faults]
 
 
 def absent_lines(missing: Sequence[MissingSensor], dropped: Mapping[str, int] = MappingProxyType({})) -> list[str]:

@@ -19,7 +19,7 @@ from lidcam.readers.rig.calibration import SensorSource
 from lidcam.readers.rig.sensor_topics import CAMERA_INFO, SensorFault
 from lidcam.run.box_sources import BoxSource
 from lidcam.run.choice import UsedSettings
-from lidcam.run.missing import MissingSensor, absent_lines, changed_lines, damage_lines, left_out_lines
+from lidcam.run.missing import MissingSensor, absent_lines, changed_lines, damage_lines
 from lidcam.run.warning import RunWarning
 
 
@@ -238,7 +238,7 @@ def incomplete_lines(
     losses: Sequence[Loss],
 ) -> Iterator[str]:
     """The lines of a verdict on a run or an inspection: sensors left out or in no frame, faulty and lost messages."""
-    yield from left_out_lines(faults)
+    yield from (f"{fault.subject} is left out" for fault in faults)
     yield from absent_lines(missing, dropped_by_topic(drops))
     yield from (f"{drop.topic}: {drop.amount} dropped: {drop.reason}" for drop in drops if drop.is_defect)
     yield from damage_lines(losses)

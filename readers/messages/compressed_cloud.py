@@ -5,7 +5,7 @@ or makes a Draco cloud with one attribute for each field, in the order of the fi
 of github.com/ros-perception/point_cloud_transport_plugins). Foxglove's Draco clouds have x, y and z in one attribute,
 and the names of the other fields in its metadata (rust/foxglove/src/draco.rs of github.com/foxglove/foxglove-sdk).
 
-DracoPy rounds float64 to float32: such times of points are lost, which the log says (see `point_time`).
+DracoPy rounds float64 to float32: such times of points are lost, which the log says (see `pointcloud2`).
 """
 
 import zlib

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from lidcam.bags.simulator.recorder.recorded import STEP_NS, Recorded
 from lidcam.bags.simulator.vehicles.ackermann import KEY_COMMANDS, QUIT, AckermannCommand
@@ -52,40 +52,29 @@ class Pressed(NamedTuple):
     ended: bool
 
 
-class Keyboard(Protocol):
-    """A source of keys. Times are simulated, in nanoseconds."""
-
-    def pressed(self, now_ns: int) -> Pressed:
-        """The keys to apply now; each is returned once."""
-
-    def next_ns(self, now_ns: int) -> int:
-        """When to ask again; later than now."""
-
-    def wait(self, until_ns: int) -> None:
-        """Let real time catch up with the simulation if keys come in real time."""
-
-
 @dataclass(frozen=True, slots=True)
 class ScriptedKeys:
-    """A `Keyboard` whose keys are pressed at a fixed pace from the start; then the input ends."""
+    """Keys that are pressed at a fixed pace from the start, in simulated time; then the input ends."""
 
     script: str
     interval_ns: int
 
-    def pressed(self, now_ns: int) -> Pressed:  # noqa: D102
+    def pressed(self, now_ns: int) -> Pressed:
+        """The keys to apply now; each is returned once."""
         number, between = divmod(now_ns, self.interval_ns)
         keys = self.script[number : number + 1] if between == 0 else ""
         return Pressed(keys, number >= len(self.script))
 
-    def next_ns(self, now_ns: int) -> int:  # noqa: D102
+    def next_ns(self, now_ns: int) -> int:
+        """When to ask again, later than now; nanoseconds."""
         return (now_ns // self.interval_ns + 1) * self.interval_ns
 
-    def wait(self, until_ns: int) -> None:  # noqa: D102
-        pass
+    def wait(self, until_ns: int) -> None:
+        """Nothing: such keys do not come in real time."""
 
 
 class TerminalKeys:
-    """A `Keyboard` that is an open terminal; simulated time never runs ahead of real time."""
+    """The keys of an open terminal; simulated time never runs ahead of real time."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor, self._begin_s = descriptor, time.monotonic()
@@ -95,12 +84,14 @@ class TerminalKeys:
         """End the input."""
         self._ended = True
 
-    def pressed(self, now_ns: int) -> Pressed:  # noqa: ARG002, D102
+    def pressed(self, now_ns: int) -> Pressed:  # noqa: ARG002
+        """The keys since the last call."""
         self._read(0.0)
         keys, self._keys = self._keys, ""
         return Pressed(keys, self._ended)
 
-    def next_ns(self, now_ns: int) -> int:  # noqa: D102
+    def next_ns(self, now_ns: int) -> int:
+        """When to ask again, later than now; nanoseconds."""
         return now_ns + TERMINAL_POLL_NS
 
     def wait(self, until_ns: int) -> None:
@@ -146,7 +137,11 @@ def terminal_keys(descriptor: int) -> Iterator[TerminalKeys]:
 
 
 def drive(
-    simulation: "Simulation", keyboard: Keyboard, drivable: tuple[str, ...], *, end_ns: int | None = None
+    simulation: "Simulation",
+    keyboard: ScriptedKeys | TerminalKeys,
+    drivable: tuple[str, ...],
+    *,
+    end_ns: int | None = None,
 ) -> Iterator[tuple[list[Recorded], RemoteControl]]:
     """Simulate step by step under keyboard control until the quit key, the end of input, or `end_ns`.
 

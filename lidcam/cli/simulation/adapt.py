@@ -20,7 +20,6 @@ KEPT_SHARE = 0.5
 """Share of the original network's weights in the written ones. On a KITTI drive with 143 false cars before, 0.5 leaves
 87 and 0 leaves 62, but average precision in simulated worlds falls by 0.8 and 2.5 points."""
 
-# \b keeps the lines of a paragraph as they are.
 ADAPT_EXAMPLES = """\b
 Examples:
   lidcam adapt drive.mcap --out mine.onnx

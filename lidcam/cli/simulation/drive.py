@@ -14,11 +14,10 @@ from lidcam.cli.simulation.simulate import log_recording
 from lidcam.pipeline.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from lidcam.bags.simulator.drive.driving import Keyboard, RemoteControl
+    from lidcam.bags.simulator.drive.driving import RemoteControl, ScriptedKeys, TerminalKeys
     from lidcam.bags.simulator.drive.live_view import LiveView
     from lidcam.bags.simulator.recorder.simulation import Simulation
 
-# \b keeps the lines of a paragraph as they are.
 DRIVE_EXAMPLES = """\b
 Keys: w forward, s back, a left, d right, x stop, 1 and 2 choose the car,
 o ends. A command holds until the next one.
@@ -65,21 +64,23 @@ def drive(
     with contextlib.ExitStack() as resources:
         keyboard = _keyboard(keys, key_interval, drivable, resources)
         opened = recording_to(output, found, read=scenario, overwrite=overwrite, driven=drivable)
-        simulation, recorder = resources.enter_context(opened)
+        simulation, write = resources.enter_context(opened)
         viewer = _viewer(simulation) if view else None
         end_ns = None if duration_s is None else round(duration_s * 1e9)
-        status = resources.enter_context(contextlib.closing(_StatusLine()))
+        status, messages = resources.enter_context(contextlib.closing(_StatusLine())), 0
         for recorded, control in driven(simulation, keyboard, drivable, end_ns=end_ns):
-            recorder.write_messages(recorded)
+            for one in recorded:
+                write(one, found.start_ns)
+            messages += len(recorded)
             if viewer is not None:
                 viewer.show(recorded)
             status.show(simulation, control)
-    log_recording(output, recorder.messages, simulation.now_ns * 1e-9)
+    log_recording(output, messages, simulation.now_ns * 1e-9)
 
 
 def _keyboard(
     keys: str | None, interval_s: float, drivable: tuple[str, ...], resources: contextlib.ExitStack
-) -> "Keyboard":
+) -> "ScriptedKeys | TerminalKeys":
     """The given keys, else those of the terminal, else those on stdin."""
     from lidcam.bags.simulator.drive.driving import ScriptedKeys, terminal_keys
 

@@ -8,7 +8,6 @@ import typer
 from lidcam.cli.options import Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
 from lidcam.cli.printing.log import remark_log
 
-# \b keeps the lines of a paragraph as they are.
 SIMULATE_EXAMPLES = """\b
 Scenarios: sandbox, crossing, vehicle, random, or a YAML file of your own.
 Examples:

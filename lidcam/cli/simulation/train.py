@@ -47,7 +47,6 @@ NetworkOut = Annotated[
 ]
 DEFAULT_FAMILY = "[default: road, or the recordings alone]"
 
-# \b keeps the lines of a paragraph as they are.
 CLUSTERS_EXAMPLES = """\b
 Examples:
   lidcam train clusters --out mine.npz
