@@ -71,12 +71,7 @@ def compare(
 
     with json_output(json_file, inputs=(first, second), overwrite=overwrite) as write_json:
         found = compare_results(
-            first,
-            second,
-            only=only or (),
-            allow=allow or (),
-            max_different_percent=max_different,
-            show=show_progress,
+            first, second, only=only or (), allow=allow or (), max_different_percent=max_different, show=show_progress
         )
         verdict = Verdict(found.failures, found.incomplete)
         tree = figures_document(

@@ -38,16 +38,13 @@ def evaluate(
     result: Annotated[Path, typer.Argument(metavar="RESULT.mcap", help="What `lidcam process` wrote.")],
     truth: Truth = None,
     truth_topic: Annotated[
-        str,
-        typer.Option(metavar="TOPIC", help="Ground-truth topic. Default: found by name.", show_default=False),
+        str, typer.Option(metavar="TOPIC", help="Ground-truth topic. Default: found by name.", show_default=False)
     ] = "",
     requirements: Require = None,
     rig_files: Annotated[
         list[str] | None,
         typer.Option(
-            "--rig",
-            metavar="FILE",
-            help="Rig file to take zones and ground-truth vehicles from. May be repeated.",
+            "--rig", metavar="FILE", help="Rig file to take zones and ground-truth vehicles from. May be repeated."
         ),
     ] = None,
     settings: Setting = None,

@@ -124,12 +124,7 @@ def job_option(name: str) -> Any:
     cli = JobOptions.__annotations__[name].__metadata__[0]
     text = OPTION_DOCS[name] + " May be repeated." * (cli.type == list[str])
     return typer.Option(
-        cli.name,
-        metavar=cli.metavar,
-        min=cli.minimum,
-        callback=CHECKS.get(name),
-        help=text,
-        rich_help_panel=cli.group,
+        cli.name, metavar=cli.metavar, min=cli.minimum, callback=CHECKS.get(name), help=text, rich_help_panel=cli.group
     )
 
 
@@ -237,8 +232,7 @@ Require = Annotated[
     ),
 ]
 Scenario = Annotated[
-    str,
-    typer.Argument(metavar="SCENARIO", help="Name of a scenario, or a YAML file.", autocompletion=_scenarios),
+    str, typer.Argument(metavar="SCENARIO", help="Name of a scenario, or a YAML file.", autocompletion=_scenarios)
 ]
 RecordingOut = Annotated[Path, typer.Argument(metavar="OUT", help="OUT.bag (ROS 1) or OUT.mcap (ROS 2).")]
 Verbose = Annotated[

@@ -96,9 +96,7 @@ def process(
     print_matches: Annotated[
         bool,
         typer.Option(
-            "--print-matches",
-            help="Print each frame's matches between 2D boxes and objects.",
-            rich_help_panel=SCREEN,
+            "--print-matches", help="Print each frame's matches between 2D boxes and objects.", rich_help_panel=SCREEN
         ),
     ] = False,
     units: Annotated[

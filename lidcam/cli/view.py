@@ -19,8 +19,7 @@ Examples:
 @with_log_options
 def view(
     result: Annotated[
-        Path,
-        typer.Argument(metavar="RESULT", help="Result: .rrd, .html, .mp4 or .mcap, or a folder of these."),
+        Path, typer.Argument(metavar="RESULT", help="Result: .rrd, .html, .mp4 or .mcap, or a folder of these.")
     ],
 ) -> None:
     """Open a result: a .rrd in Rerun, a page or a film in the browser.

@@ -68,12 +68,7 @@ class KnownBoxes:
         return detect(combined) if known is None else known
 
     def in_images(
-        self,
-        rig: Rig,
-        detect: DetectInImages,
-        bundle: SensorBundle,
-        images: Decoded[Image],
-        combined: CombinedCloud,
+        self, rig: Rig, detect: DetectInImages, bundle: SensorBundle, images: Decoded[Image], combined: CombinedCloud
     ) -> Mapping[str, Boxes2D]:
         """The 2D boxes of a frame, detected unless they are known; the run may have moved the stamps of the images."""
         known = self.cameras.get(_messages(bundle, rig.lidars, rig.cameras))
@@ -82,12 +77,7 @@ class KnownBoxes:
         return {name: replace(boxes, stamp_ns=images[name].stamp_ns) for name, boxes in known.items()}
 
     def given_in_cloud(
-        self,
-        rig: Rig,
-        detect: DetectInCloud,
-        detector: GivenDetector3D,
-        bundle: SensorBundle,
-        combined: CombinedCloud,
+        self, rig: Rig, detect: DetectInCloud, detector: GivenDetector3D, bundle: SensorBundle, combined: CombinedCloud
     ) -> Decoded[Boxes3D]:
         """The same by a function of the caller, with the boxes of no class."""
         detector.unused = Counter(self.unused_3d.get(_messages(bundle, rig.lidars), {}))

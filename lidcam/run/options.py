@@ -113,13 +113,7 @@ def attribute_docs(owner: type) -> dict[str, str]:
 OPTION_DOCS = attribute_docs(SharedOptions) | attribute_docs(JobOptions)
 """The explanation of each option."""
 
-DEFAULTS: JobOptions = {
-    "settings": (),
-    "start_s": 0.0,
-    "on_bad_message": "skip",
-    "overwrite": False,
-    "view": False,
-}
+DEFAULTS: JobOptions = {"settings": (), "start_s": 0.0, "on_bad_message": "skip", "overwrite": False, "view": False}
 """Values of options that are not given, where it is not None."""
 
 CLI_OPTIONS = tuple(name for name, kind in JobOptions.__annotations__.items() if hasattr(kind, "__metadata__"))

@@ -232,10 +232,7 @@ class RunSummary:
 
 
 def incomplete_lines(
-    faults: Sequence[SensorFault],
-    missing: Sequence[MissingSensor],
-    drops: Sequence[DropCount],
-    losses: Sequence[Loss],
+    faults: Sequence[SensorFault], missing: Sequence[MissingSensor], drops: Sequence[DropCount], losses: Sequence[Loss]
 ) -> Iterator[str]:
     """The lines of a verdict on a run or an inspection: sensors left out or in no frame, faulty and lost messages."""
     yield from (f"{fault.subject} is left out" for fault in faults)

@@ -105,9 +105,7 @@ def calibrated(network: ClusterNetwork, examples: Examples) -> ClusterNetwork:
 def _cooled(network: ClusterNetwork, temperature: float) -> ClusterNetwork:
     weights, biases = network.weights, network.biases
     return replace(
-        network,
-        weights=(*weights[:-1], weights[-1] / temperature),
-        biases=(*biases[:-1], biases[-1] / temperature),
+        network, weights=(*weights[:-1], weights[-1] / temperature), biases=(*biases[:-1], biases[-1] / temperature)
     )
 
 

@@ -158,10 +158,7 @@ class _Kept(RunObserver):
         if index % self._every:
             return
         needed = replace(
-            one,
-            cloud=one.detection_cloud,
-            ground_cloud=one.ground_cloud.select(np.arange(0)),
-            ground_lidar_index=None,
+            one, cloud=one.detection_cloud, ground_cloud=one.ground_cloud.select(np.arange(0)), ground_lidar_index=None
         )
         saved(self._path(index), needed)
         if index >= MAX_FRAMES * self._every:

@@ -117,16 +117,7 @@ def _log_unusable(topic: str, name: str) -> None:
     )
 
 
-INTENSITY_FIELDS = (
-    "intensity",
-    "intensities",
-    "i",
-    "reflectivity",
-    "reflectance",
-    "signal",
-    "remission",
-    "amplitude",
-)
+INTENSITY_FIELDS = ("intensity", "intensities", "i", "reflectivity", "reflectance", "signal", "remission", "amplitude")
 RING_FIELDS = ("ring", "channel", "laser_id", "laser", "line", "beam", "row")
 
 _USED_FIELDS = frozenset(("x", "y", "z", *INTENSITY_FIELDS, *RING_FIELDS, *TIME_FIELDS))

@@ -65,10 +65,7 @@ _AS_NUMBERED = partial(name_of_number, classes=())
 
 @decoder
 def to_ros2(
-    message: RawMessage,
-    name_of: Callable[[int], str] = _AS_NUMBERED,
-    *,
-    limits: RecordingLimits = DEFAULT_LIMITS,
+    message: RawMessage, name_of: Callable[[int], str] = _AS_NUMBERED, *, limits: RecordingLimits = DEFAULT_LIMITS
 ) -> RawMessage:
     """The message as CDR, with the definition that its channel needs in a file; times and order are kept.
 

@@ -42,11 +42,7 @@ class FirstMessages:
     """Reads the start of topics, each only once; errors in the settings of a Velodyne's packets are raised."""
 
     def __init__(
-        self,
-        recording: Recording,
-        velodyne: VelodyneConfig | None = None,
-        *,
-        limits: RecordingLimits = DEFAULT_LIMITS,
+        self, recording: Recording, velodyne: VelodyneConfig | None = None, *, limits: RecordingLimits = DEFAULT_LIMITS
     ) -> None:
         self._recording = recording
         self._limits = limits

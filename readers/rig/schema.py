@@ -155,11 +155,7 @@ class CameraEntry(_Sensor):
         P: Site to pixel, 3 x 4, depth positive in front; replaces K and extrinsics.
     """
 
-    alternatives = (
-        *Pose.alternatives,
-        (("K",), ("P",)),
-        (("T_camera_site",), ("T_site_camera",), ("P",), POSE),
-    )
+    alternatives = (*Pose.alternatives, (("K",), ("P",)), (("T_camera_site",), ("T_site_camera",), ("P",), POSE))
 
     boxes_topic: str = ""
     width_px: int | None = None

@@ -6,11 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import Console
 
-from lidcam.cli.printing.tables import (
-    rows_table,
-    sensors_table,
-    topics_table,
-)
+from lidcam.cli.printing.tables import rows_table, sensors_table, topics_table
 from lidcam.cli.printing.terminal import show_line, show_table
 from lidcam.cli.verdict import first_of
 from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, source_names
@@ -72,7 +68,7 @@ def _print_boxes(out: Console, boxes: Boxes3D, config: Config, remarks: Sequence
         out.print(
             f"  {row:3} {config.object_names[boxes.class_ids[row]]:10} score {boxes.scores[row]:.2f}"
             f"  x {x:8.2f} y {y:8.2f} z {z:6.2f}  l {length:5.2f} w {width:5.2f} h {height:5.2f}"
-            f"  yaw {boxes.yaws[row]:6.3f}  {remark}",
+            f"  yaw {boxes.yaws[row]:6.3f}  {remark}"
         )
 
 

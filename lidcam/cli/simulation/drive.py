@@ -32,8 +32,7 @@ def drive(
     scenario: Scenario,
     output: RecordingOut,
     keys: Annotated[
-        str | None,
-        typer.Option(metavar="KEYS", help="Press these keys, as fast as the simulation runs, and exit."),
+        str | None, typer.Option(metavar="KEYS", help="Press these keys, as fast as the simulation runs, and exit.")
     ] = None,
     key_interval: Annotated[
         float, typer.Option(min=0.01, max=60, metavar="S", help="Simulated seconds between --keys.")

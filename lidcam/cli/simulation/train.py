@@ -30,8 +30,7 @@ Recordings = Annotated[
 ]
 Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Random seed: the number of the first world.")]
 Workers = Annotated[
-    int | None,
-    typer.Option(min=1, metavar="N", help="Worker processes; does not change the result. [default: cores]"),
+    int | None, typer.Option(min=1, metavar="N", help="Worker processes; does not change the result. [default: cores]")
 ]
 Resume = Annotated[
     bool, typer.Option("--resume", help="Continue from FILE.ckpt if it exists; steps and recordings may change.")
@@ -239,13 +238,7 @@ def train_network(
             with show_training() as progress:
                 part = outputs[out].part
                 trained = train_pillars(
-                    checkpoint,
-                    part,
-                    steps,
-                    workers=processes,
-                    progress=progress,
-                    kept_share=kept_share,
-                    begun=begun,
+                    checkpoint, part, steps, workers=processes, progress=progress, kept_share=kept_share, begun=begun
                 )
         check(trained)
         outputs[card].write_text(trained.card)
@@ -256,8 +249,7 @@ def train_network(
 @with_log_options
 def convert(
     network: Annotated[
-        Path,
-        typer.Argument(metavar="NETWORK", help="Checkpoint (.pth) of OpenPCDet or mmdetection3d."),
+        Path, typer.Argument(metavar="NETWORK", help="Checkpoint (.pth) of OpenPCDet or mmdetection3d.")
     ],
     out: Annotated[
         Path, typer.Option("--out", metavar="FILE.onnx", callback=ends_in(".onnx"), help="The network for --model-3d.")

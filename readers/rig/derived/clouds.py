@@ -119,10 +119,7 @@ def _fields(content: Any) -> set[str]:
 
 
 def cloud_sources(
-    recording: Recording,
-    infos: Sequence[TopicInfo],
-    first: FirstMessages,
-    transforms: RecordedTransforms,
+    recording: Recording, infos: Sequence[TopicInfo], first: FirstMessages, transforms: RecordedTransforms
 ) -> dict[str, str]:
     """The topic that each topic of clouds was made of; empty for the rawest of each lidar.
 
@@ -209,12 +206,7 @@ def _is_above(frame: str, other: str, transforms: RecordedTransforms) -> bool:
 
 
 def _is_cloud_of(
-    made: PointCloud,
-    cloud: PointCloud,
-    transforms: RecordedTransforms,
-    *,
-    is_poor: bool,
-    is_copied: Callable[[], bool],
+    made: PointCloud, cloud: PointCloud, transforms: RecordedTransforms, *, is_poor: bool, is_copied: Callable[[], bool]
 ) -> bool:
     """Whether a cloud was made of that of a sensor at the same stamp; in doubt it was not.
 
