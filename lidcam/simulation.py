@@ -14,7 +14,7 @@ from lidcam.bags.simulator.recorder.files import (
     recording_names,
     ros_version_of,
 )
-from lidcam.bags.simulator.recorder.processes import simulating
+from lidcam.bags.simulator.recorder.start import simulating
 from lidcam.bags.simulator.scenario.scenario import Scenario, load_scenario, overridden
 from lidcam.bags.simulator.worlds.errors import with_errors
 from lidcam.evaluation.evaluate import Progress, not_shown

@@ -4,26 +4,19 @@ Each process simulates the traffic itself, which is cheap: equal steps and comma
 in, and only finished messages come out.
 """
 
-import os
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, closing, contextmanager
 from typing import TYPE_CHECKING
 
 from lidcam.bags.simulator.recorder.recorded import Measured, SensingTask
-from lidcam.bags.simulator.scenario.scenario import Scenario
-from lidcam.bags.simulator.scenario.sensors import CameraScenario, LidarScenario
 from lidcam.bags.simulator.vehicles.ackermann import AckermannCommand
 from lidcam.pipeline.core.errors import LidcamError
-from lidcam.pipeline.core.ros.typestores import RosVersion
 from lidcam.pipeline.parallel.pool import process_pool
 from lidcam.pipeline.parallel.process import signals_blocked
-from lidcam.readers.velodyne.models import MODELS
 
 if TYPE_CHECKING:
     from lidcam.bags.simulator.recorder.sensing import Sensing
-    from lidcam.bags.simulator.recorder.simulation import Simulation
     from lidcam.bags.simulator.recorder.stage import Stage
 
 
@@ -88,48 +81,3 @@ def _measured(until_ns: int, commands: Mapping[str, AckermannCommand], start_lim
     measured = sensing.measure(until_ns, start_limit_ns=start_limit_ns)
     stage.forget(until_ns)
     return measured
-
-
-BEAM_COST_US, PIXEL_COST_US, MOVING_PIXEL_COST_US = 0.8, 0.05, 1.1
-"""Rough costs; a moving camera must render everything anew."""
-
-BEAMS_PER_COLUMN = 32  # beams per column of a Velodyne
-
-
-def shared_out(scenario: Scenario, workers: int) -> list[tuple[str, ...]]:
-    """The sensors of each worker: costliest first, each to the worker with the least load."""
-    sensors: dict[str, LidarScenario | CameraScenario] = {**scenario.lidars, **scenario.cameras}
-    costs = {name: sensor.rate_hz * _cost_us(sensor) for name, sensor in sensors.items()}
-    shares: list[list[str]] = [[] for _ in range(max(min(workers, len(costs)), 1))]
-    for name in sorted(costs, key=lambda name: -costs[name]):
-        min(shares, key=lambda share: sum(costs[other] for other in share)).append(name)
-    return [tuple(share) for share in shares]
-
-
-def _cost_us(sensor: LidarScenario | CameraScenario) -> float:
-    """Rough cost of one measurement."""
-    if isinstance(sensor, CameraScenario):
-        per_pixel = MOVING_PIXEL_COST_US if sensor.mounted_on else PIXEL_COST_US
-        return sensor.width_px * sensor.height_px * per_pixel
-    beams: float = len(sensor.linear_elevations_deg) * sensor.columns
-    if sensor.model != "linear":
-        beams = BEAMS_PER_COLUMN / MODELS[sensor.model].column_us * 1e6 / sensor.rate_hz
-    return beams / sensor.firing_stride * BEAM_COST_US
-
-
-@contextmanager
-def simulating(
-    scenario: Scenario, *, ros_version: RosVersion, workers: int | None = None, driven: Collection[str] = ()
-) -> Iterator["Simulation"]:
-    """A running simulation on `workers` processes, this one among them; None for one per core.
-
-    Workers start first, so that all processes load their libraries in parallel. The vehicles in `driven` wait at their
-    start for `Simulation.command`.
-    """
-    mine, *others = shared_out(scenario, os.cpu_count() or 1 if workers is None else workers)
-    with ExitStack() as stack:
-        tasks = [SensingTask(scenario, tuple(driven), ros_version, names) for names in others]
-        processes = [stack.enter_context(closing(SensingProcess(task))) for task in tasks]
-        from lidcam.bags.simulator.recorder.simulation import Simulation  # Open3D takes a second or two
-
-        yield Simulation(SensingTask(scenario, tuple(driven), ros_version, mine), processes)

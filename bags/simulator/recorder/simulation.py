@@ -155,7 +155,7 @@ def moments(rate_hz: float, begin_ns: int, until_ns: int) -> Iterator[int]:
 
 
 class Simulation:
-    """A running scenario; `recorder.processes.simulating` starts one, with processes for other sensors."""
+    """A running scenario; `recorder.start.simulating` starts one, with processes for other sensors."""
 
     def __init__(self, task: SensingTask, others: Sequence[SensingProcess] = ()) -> None:
         self.scenario, self.ros_version = task.scenario, task.ros_version

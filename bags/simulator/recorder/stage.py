@@ -12,7 +12,7 @@ from lidcam.bags.simulator.sensors.lens import camera_model
 from lidcam.bags.simulator.vehicles.traffic import Traffic
 from lidcam.bags.simulator.world.bodies.cyclist import cyclist_parts
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
-from lidcam.bags.simulator.world.bodies.hulls import front_wheel
+from lidcam.bags.simulator.world.bodies.hulls import front_wheel, steered_wheel
 from lidcam.bags.simulator.world.bodies.motor_vehicles import bus, car, model_car, truck, van
 from lidcam.bags.simulator.world.bodies.pedestrian import pedestrian_parts
 from lidcam.bags.simulator.world.mesh import Mesh, paint
@@ -27,7 +27,6 @@ from lidcam.bags.simulator.world.motion import (
     Path,
     RaisedPath,
     UprightBox,
-    steered_wheel,
 )
 from lidcam.bags.simulator.world.places.places import height_of, mesh_of
 from lidcam.bags.simulator.world.scene import Scene

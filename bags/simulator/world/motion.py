@@ -6,7 +6,6 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from lidcam.bags.simulator.world.bodies.dimensions import Shape
 from lidcam.bags.simulator.world.mesh import Mesh
 from lidcam.pipeline.core.arrays import F64, I64, Table
 from lidcam.pipeline.core.geometry.transform import Transform
@@ -243,32 +242,16 @@ def pitched(angles: F64, x: F64 | float, y: float, z: F64 | float) -> Poses:
     return Poses(rotation, np.stack([zero + x, zero + y, zero + z], -1))
 
 
-def steered_wheel(carrier: Carrier, shape: Shape, side: int) -> ArticulatedPath:
-    """The path of a front wheel with its centre as origin; `side` is 1 for the left one, -1 for the right one.
-
-    Both wheels roll about one centre on the line of the rear axle, so the inner one turns further (Ackermann).
-    """
-
-    def place(states: F64) -> Poses:
-        tangent = np.tan(states[:, STEERING])
-        near = shape.wheel_base_m - side * shape.track_width_m / 2 * tangent
-        turn = np.arctan2(shape.wheel_base_m * tangent, near)
-        hinge = np.array([shape.wheel_base_m, side * shape.track_width_m / 2, shape.wheel_radius_m])
-        return _turned(turn, 0.0, hinge)
-
-    return ArticulatedPath(carrier, place)
-
-
 def steered_fork(carrier: Carrier, hinge: tuple[float, float, float], rake_rad: float) -> ArticulatedPath:
     """The path of a bicycle's fork, which turns about an axis through `hinge` that leans back by `rake_rad`."""
 
     def place(states: F64) -> Poses:
-        return _turned(states[:, STEERING], rake_rad, np.array(hinge))
+        return hinged(states[:, STEERING], rake_rad, np.array(hinge))
 
     return ArticulatedPath(carrier, place)
 
 
-def _turned(angles: F64, lean_rad: float, hinge: F64) -> Poses:
+def hinged(angles: F64, lean_rad: float, hinge: F64) -> Poses:
     """Poses (N) turned to the left about an axis through `hinge` that leans back from the vertical."""
     axis = np.array([-np.sin(lean_rad), 0.0, np.cos(lean_rad)])
     cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, Shape
 from lidcam.bags.simulator.world.mesh import DARK, RUBBER, Material, Mesh, box, cylinder, loft, merged, panel, wheel
+from lidcam.bags.simulator.world.motion import STEERING, ArticulatedPath, Carrier, Poses, hinged
 from lidcam.pipeline.core.arrays import F64
 
 Edge = tuple[float, float, float]
@@ -117,6 +118,22 @@ def front_wheel(name: str) -> Mesh:
     """A wheel of a shape with its centre at the origin."""
     sides = 28 if SHAPES[name].wheel_radius_m > 0.4 else 20
     return wheel(SHAPES[name].wheel_radius_m, TYRE_WIDTH_M[name], RUBBER, RIM, HUB, sides=sides)
+
+
+def steered_wheel(carrier: Carrier, shape: Shape, side: int) -> ArticulatedPath:
+    """The path of a front wheel with its centre as origin; `side` is 1 for the left one, -1 for the right one.
+
+    Both wheels roll about one centre on the line of the rear axle, so the inner one turns further (Ackermann).
+    """
+
+    def place(states: F64) -> Poses:
+        tangent = np.tan(states[:, STEERING])
+        near = shape.wheel_base_m - side * shape.track_width_m / 2 * tangent
+        turn = np.arctan2(shape.wheel_base_m * tangent, near)
+        hinge = np.array([shape.wheel_base_m, side * shape.track_width_m / 2, shape.wheel_radius_m])
+        return hinged(turn, 0.0, hinge)
+
+    return ArticulatedPath(carrier, place)
 
 
 def rear_wheels(name: str, *, twin: bool = False) -> Mesh:

@@ -9,7 +9,7 @@ import rerun as rr
 from small_scenario import small_scenario
 
 from lidcam.bags.simulator.drive.live_view import LiveView
-from lidcam.bags.simulator.recorder.processes import simulating
+from lidcam.bags.simulator.recorder.start import simulating
 from lidcam.bags.simulator.scenario.scenario import Scenario
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.ros.typestores import RosVersion

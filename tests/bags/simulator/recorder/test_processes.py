@@ -9,10 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_scenario import small_scenario
 
-from lidcam.bags.simulator.recorder.processes import SensingProcess, shared_out
+from lidcam.bags.simulator.recorder.processes import SensingProcess
 from lidcam.bags.simulator.recorder.recorded import SensingTask
 from lidcam.bags.simulator.recorder.sensing import Sensing
 from lidcam.bags.simulator.recorder.stage import Stage
+from lidcam.bags.simulator.recorder.start import shared_out
 from lidcam.bags.simulator.scenario.scenario import Scenario, load_scenario
 from lidcam.bags.simulator.vehicles.ackermann import AckermannCommand
 from lidcam.pipeline.core.errors import ConfigError, LidcamError
