@@ -1,4 +1,4 @@
-"""The command line: one file per command. Heavy imports stand in the functions that do the work, so help is instant."""
+"""The command line. Heavy imports stand in the functions that do the work, so help is instant."""
 
 import typer
 
@@ -7,17 +7,15 @@ from lidcam.cli.compare import COMPARE_EXAMPLES, compare
 from lidcam.cli.config import config_app
 from lidcam.cli.demo import demo
 from lidcam.cli.evaluate import EVALUATE_EXAMPLES, evaluate
-from lidcam.cli.export import EXPORT_EXAMPLES, export
 from lidcam.cli.fetch import FETCH_EXAMPLES, fetch
 from lidcam.cli.inspect import INSPECT_EXAMPLES, inspect
 from lidcam.cli.options import GroupedCommand, Program, Version
 from lidcam.cli.process import PROCESS_EXAMPLES, process
-from lidcam.cli.report import REPORT_EXAMPLES, report
+from lidcam.cli.results import EXPORT_EXAMPLES, REPORT_EXAMPLES, VIEW_EXAMPLES, export, report, view
 from lidcam.cli.simulation.adapt import ADAPT_EXAMPLES, adapt
 from lidcam.cli.simulation.drive import DRIVE_EXAMPLES, drive
 from lidcam.cli.simulation.simulate import SIMULATE_EXAMPLES, simulate
 from lidcam.cli.simulation.train import train_app
-from lidcam.cli.view import VIEW_EXAMPLES, view
 
 __all__ = ["app", "process_app"]
 

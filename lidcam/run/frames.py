@@ -210,24 +210,18 @@ def _every(
 
 def synchronized_topics(config: Config, rig: Rig) -> tuple[str, ...]:
     """The topics of a bundle: lidars, 3D boxes, images where they are used or copied, 2D boxes."""
-    source = box_source(config, rig)
     topics = [lidar.topic for lidar in rig.lidars] + [detector.topic for detector in rig.detectors]
     if config.output.images or detects_in_images(config, rig):
         topics += [camera.topic for camera in rig.cameras if camera.topic]
-    if source == "recorded":
+    if box_source(config, rig) == "recorded":
         topics += [camera.boxes_topic for camera in rig.cameras if camera.boxes_topic]
     return tuple(topics)
 
 
 def decoded_topics(config: Config, rig: Rig) -> frozenset[str]:
     """The topics of a bundle whose messages are decoded; images may only be copied."""
-    topics = {lidar.topic for lidar in rig.lidars} | {detector.topic for detector in rig.detectors}
-    source = box_source(config, rig)
-    if detects_in_images(config, rig):
-        topics.update(camera.topic for camera in rig.cameras)
-    if source == "recorded":
-        topics.update(camera.boxes_topic for camera in rig.cameras)
-    return frozenset(topics)
+    copied = set() if detects_in_images(config, rig) else {camera.topic for camera in rig.cameras}
+    return frozenset(synchronized_topics(config, rig)) - copied
 
 
 def expected_frames(source: RunInput) -> int:

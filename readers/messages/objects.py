@@ -249,7 +249,7 @@ def decode_tracks(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMI
     motions = [one.twist.twist for one in array.tracks]
     numbers = np.array(
         [
-            (motion.linear.x, motion.linear.y, motion.angular.z, one.existence, _age_s(one.age))
+            (motion.linear.x, motion.linear.y, motion.angular.z, one.existence, one.age.sec + one.age.nanosec / 1e9)
             for one, motion in zip(array.tracks, motions, strict=True)
         ],
         np.float64,
@@ -281,7 +281,3 @@ def decode_tracks(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMI
         np.array([array.tracks[row].source == PREDICTED for row in kept.tolist()], np.bool_),
         {reason: count for reason, count in sorted(unused.items()) if count},
     )
-
-
-def _age_s(age: Any) -> float:
-    return float(age.sec + age.nanosec / 1e9)
