@@ -107,7 +107,7 @@ def _places(tree: Mapping[str, Any], *, lidars_detect: bool) -> Iterator[RunWarn
 
 def _taken_away(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
     """Classes for which fusion is worse than a single sensor, beyond chance."""
-    for name, gains in tree["fusion_gain"].items():
+    for name, gains in tree["fusion_gain"].items() if "cameras" in tree["sources"] else ():
         gain = next(one for figure, one in gains.items() if figure.startswith("ap_bev"))
         if gain["takes_away"]:
             yield RunWarning(

@@ -20,6 +20,9 @@ ALL = "all"
 MIN_BLOCKS = 10
 """Fewest blocks of the bootstrap whose interval is wide enough."""
 
+MIN_TRUTH = 10
+"""Fewest ground-truth objects of each class of a mean in a headline: one object more or less is no gain."""
+
 AT_50 = ("pedestrian", "bicycle")
 """Classes whose average precision is shown at an IoU of 50 %, others at 70 %: as in KITTI."""
 
@@ -103,20 +106,27 @@ def _found_headline(tree: Tree) -> str:
 
 
 def _gain_headline(tree: Tree) -> str:
-    """The gain from fusion; empty where there are not two sources to compare."""
-    gain = _gains(tree["fusion_gain"]).get(ALL, {})
-    if gain.get("value") is None:
+    """The gain from fusion: the mean of the classes, or that of the commonest one if others are too rare.
+
+    Empty where no camera has 2D boxes, or where there are not two sources to compare.
+    """
+    if "cameras" not in tree["sources"] or not tree["fusion_gain"]:
+        return ""
+    truth = {name: one["truth"] for name, one in tree["sources"]["fused"].items() if name != ALL and one["truth"]}
+    name = ALL if min(truth.values(), default=0) >= MIN_TRUTH else max(truth, key=lambda one: truth[one], default=ALL)
+    gain, ap = _gains(tree["fusion_gain"])[name], "AP" if name == ALL else f"{name} AP"
+    if gain["value"] is None or truth.get(name, MIN_TRUTH) < MIN_TRUTH:
         return ""
     value, over = gain["value"], f"{gain['over']} alone"
     if gain["low"] is None:
-        verb = f"removes {-value:.2f} AP from" if value <= -0.005 else f"adds {max(value, 0.0):.2f} AP over"
+        verb = f"removes {-value:.2f} {ap} from" if value <= -0.005 else f"adds {max(value, 0.0):.2f} {ap} over"
         return f"Fusion {verb} {over}; too short for a confidence interval."
     interval = f"{signed(gain['low'], 2)} to {signed(gain['high'], 2)}"
     if gain["low"] > 0:
-        return f"Fusion adds {value:.2f} AP ({interval}) over {over}."
+        return f"Fusion adds {value:.2f} {ap} ({interval}) over {over}."
     if gain["takes_away"]:
-        return f"Fusion removes {-value:.2f} AP ({interval}) from {over}."
-    return f"Fusion gains {signed(value, 2)} AP ({interval}) over {over}: not significant."
+        return f"Fusion removes {-value:.2f} {ap} ({interval}) from {over}."
+    return f"Fusion gains {signed(value, 2)} {ap} ({interval}) over {over}: not significant."
 
 
 def truth_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
@@ -125,7 +135,7 @@ def truth_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
     if tree["frames_with_truth"] and sources:
         shown = {source: _with_shown_ap(classes) for source, classes in sources.items()}
         yield _source_table("detection", shown, DETECTION_COLUMNS), _detection_explained(sources)
-        if any(gain["value"] is not None for gain in _gains(tree["fusion_gain"]).values()):
+        if "cameras" in sources and any(gain["value"] is not None for gain in _gains(tree["fusion_gain"]).values()):
             yield _gain_table(tree["fusion_gain"]), _gain_explained(tree["fusion_gain"])
         yield _source_table("errors of matched boxes (metres, degrees)", sources, ERROR_COLUMNS), ERRORS
     if images := {name: classes[ALL] for name, classes in tree["images"].items() if classes[ALL]["truth"]}:

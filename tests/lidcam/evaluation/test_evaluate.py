@@ -23,10 +23,12 @@ SOUND: dict[str, Any] = {
 NONE_EVALUATED = SOUND["truth_objects"] | {"evaluated": 0}
 LABELS = {"tram": 12, "animal": 30, "a": 1, "b": 1, "c": 1, "d": 1}
 TAKES_AWAY = {"value": -0.1, "low": -0.15, "high": -0.05, "over": "lidar", "takes_away": True}
+TAKEN = {"car": {"blocks": 2, "ap_bev_r40_50": TAKES_AWAY}}
+SOURCE = {"all": {"truth": 40, "found": 38, "right": 37}}
 
 
 def of_all(**figures: int) -> dict[str, Any]:
-    return {"sources": {"fused": {"all": {"truth": 40, "found": 38, "right": 37} | figures}}}
+    return {"sources": {"fused": {"all": SOURCE["all"] | figures}}}
 
 
 @pytest.mark.parametrize(
@@ -66,8 +68,9 @@ def of_all(**figures: int) -> dict[str, Any]:
             ],
         ),
         ({"sources": {}}, []),
+        ({"fusion_gain": TAKEN}, []),  # no 2D boxes
         (
-            {"fusion_gain": {"car": {"blocks": 2, "ap_bev_r40_50": TAKES_AWAY}}},
+            {"sources": {"cameras": SOURCE}, "fusion_gain": TAKEN},
             [
                 "fused: car: fusion takes away 0.10 AP (-0.15 to -0.05) from lidar alone; look at the calibration and "
                 "the 2D boxes of the cameras, and at the settings fuse"

@@ -25,7 +25,13 @@ Place = tuple[float, float]
 
 
 def frames(
-    *, lidar: Sequence[Place], fused: Sequence[Place], truth: Sequence[Place] | None, count: int = 20, ids: bool = False
+    *,
+    lidar: Sequence[Place],
+    fused: Sequence[Place],
+    truth: Sequence[Place] | None,
+    cameras: Sequence[Place] | None = None,
+    count: int = 20,
+    ids: bool = False,
 ) -> list[EvaluationFrame]:
     """The same places in every frame: the first of them a car, the others of the second class."""
 
@@ -40,7 +46,7 @@ def frames(
         frame_of(
             k,
             None if truth is None else truth_boxes(rows_at(truth), range(len(truth)), class_ids=classes(truth)),
-            {"lidar": found(lidar), "fused": found(fused)},
+            {"lidar": found(lidar), "fused": found(fused)} | ({} if cameras is None else {"cameras": found(cameras)}),
         )
         for k in range(count)
     ]
@@ -75,7 +81,9 @@ def printed(
 
 
 def test_the_short_table_is_of_the_result_alone() -> None:
-    lines = printed(frames(lidar=[], fused=[CAR_AT], truth=[CAR_AT], count=20), everything=False).splitlines()
+    lines = printed(
+        frames(lidar=[], fused=[CAR_AT], truth=[CAR_AT], cameras=[], count=20), everything=False
+    ).splitlines()
     assert lines[3].split() == ["fused", "truth", "recall", "prec.", "AP", "bev", "AP", "3D", "position", "heading"]
     assert [line.split()[:4] for line in lines[4:-2]] == [["car", "20", "1.00", "1.00"]]
     assert lines[-2] == "AP at 70 % IoU (pedestrian, bicycle 50 %); mean errors: m, degrees; --all: more"
@@ -96,10 +104,25 @@ SHORT = "; too short for a confidence interval."
     ],
 )
 def test_the_headline(lidar: list[Place], fused: list[Place], count: int, told: str) -> None:
-    text = printed(frames(lidar=lidar, fused=fused, truth=[CAR_AT], count=count))
+    text = printed(frames(lidar=lidar, fused=fused, truth=[CAR_AT], cameras=[], count=count))
     assert text.splitlines()[2] == told
+    assert "Fusion" not in printed(frames(lidar=lidar, fused=fused, truth=[CAR_AT], count=count))  # no 2D boxes
     assert ("There is no interval: a recording of 2 s" in text) == (count == 20)
     assert ("The interval is too narrow: a recording of 6 s" in text) == (count == 60)
+
+
+@pytest.mark.parametrize(
+    ("vans", "count", "told"),
+    [
+        (1, 20, f"Fusion adds 0.00 car AP over {OVER}{SHORT}"),
+        (10, 20, f"Fusion removes 0.50 AP from {OVER}{SHORT}"),
+        (1, 5, ""),
+    ],
+)
+def test_a_rare_class_makes_no_headline(vans: int, count: int, told: str) -> None:
+    both, cars = {"lidar": [CAR_AT, VAN_AT], "truth": [CAR_AT, VAN_AT]}, {"lidar": [CAR_AT], "truth": [CAR_AT]}
+    seen = [frames(**(both if k < vans else cars), fused=[CAR_AT], cameras=[], count=count)[k] for k in range(count)]
+    assert [line for line in printed(seen).splitlines() if line.startswith("Fusion")] == [told] * bool(told)
 
 
 @pytest.mark.parametrize(
