@@ -46,9 +46,9 @@ class DoubtedCheck:
             RunWarning(
                 "fuse.min_score",
                 f"{counts} boxes score {MIN_LIKELY:g} to {self._min_score:g}, below it",
-                "use --model-2d to tell which are right"
+                "a 2D network (lidcam fetch, --model-2d FILE.onnx) tells which are right"
                 if self._has_images
-                else "--set fuse.min_score=0.3 reports more of them",
+                else f"--set fuse.min_score={0.3 if self._min_score > 0.3 else MIN_LIKELY:g} reports more of them",
             ),
         )
 

@@ -148,6 +148,8 @@ def boxes_2d_words(config: Config, rig: Rig) -> tuple[str, str]:
     if source != "none":
         words = {"recorded": "as recorded", "callable": "a function of the caller"}
         return words.get(source, f"network {Path(model).name}"), ""
+    if not rig.cameras:
+        return "none (no usable camera)", ""
     lacks = _may_fetch(config, rig) and any(camera.topic for camera in rig.cameras)
     remedy = "recorded 2D boxes, or a 2D network (lidcam fetch, --model-2d FILE.onnx), enable the cameras"
     return f"none (lidar-only); {remedy}", ADVICE if lacks else ""

@@ -154,8 +154,11 @@ def truth_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
 
 def own_tables(tree: Tree) -> Iterator[tuple[Table, Iterable[str]]]:
     """Each table of figures that need no ground truth."""
-    title = "without ground truth: chains"
-    yield _figures_table(title, ("source",), tree["unlabelled"].items(), CHAIN_COLUMNS), CHAINS
+    title, rows = "without ground truth: chains", dict(tree["unlabelled"])
+    for name, one in rows.items():
+        if one["objects"]["per_frame_mean"] and not one["chains"]["chains"]:  # its boxes have no tracks
+            rows[name] = {**one, "chains": dict.fromkeys(one["chains"])}
+    yield _figures_table(title, ("source",), rows.items(), CHAIN_COLUMNS), CHAINS
 
 
 AP_BEV, AP_3D = "ap_bev_r40_", "ap_3d_r40_"
@@ -232,12 +235,12 @@ SHORT_COLUMNS: Columns = (
 )
 CHAIN_COLUMNS: Columns = (
     ("objects/frame", "objects.per_frame_mean", _digits(1)),
-    ("chains", "chains.chains", str),
+    ("chains", "chains.chains", _digits(0)),
     ("seconds", "chains.seconds_mean", _digits(1)),
     ("missing", "chains.missing_share", percent),
-    ("flickers", "chains.flickers", str),
-    ("relabelled", "chains.class_changes", str),
-    ("flips", "chains.heading_flips", str),
+    ("flickers", "chains.flickers", _digits(0)),
+    ("relabelled", "chains.class_changes", _digits(0)),
+    ("flips", "chains.heading_flips", _digits(0)),
 )
 CHAINS = (
     "chain: boxes of one object over time. seconds: mean length. missing: share of frames between first and last. "

@@ -26,8 +26,11 @@ def seen(class_ids: list[int], beliefs: list[float], reported: list[int]) -> Fra
     return replace(frame(), hypotheses=hypotheses, beliefs=np.array(beliefs, np.float64), fused=fused)
 
 
-def told(frames: list[FrameResult], *, has_2d_boxes: bool = False, has_images: bool = True) -> list[str]:
-    check = DoubtedCheck(CONFIG, has_2d_boxes=has_2d_boxes, has_images=has_images)
+def told(
+    frames: list[FrameResult], *, has_2d_boxes: bool = False, has_images: bool = True, min_score: float = 0.5
+) -> list[str]:
+    config = CONFIG.model_copy(update={"fuse": CONFIG.fuse.model_copy(update={"min_score": min_score})})
+    check = DoubtedCheck(config, has_2d_boxes=has_2d_boxes, has_images=has_images)
     for one in frames:
         check.add_frame(one)
     return [str(warning) for warning in check.warnings]
@@ -37,11 +40,13 @@ def test_what_is_likely_and_hardly_reported_is_told() -> None:
     likely = [seen([CAR, PEDESTRIAN, PEDESTRIAN], [0.9, 0.3, 0.45], [0])] * 10
     (warning,) = told([*likely, seen([PEDESTRIAN], [0.8], [0])])
     assert warning == (
-        "fuse.min_score: 20 pedestrian boxes score 0.2 to 0.5, below it; use --model-2d to tell which are right"
+        "fuse.min_score: 20 pedestrian boxes score 0.2 to 0.5, below it; a 2D network (lidcam fetch, --model-2d "
+        "FILE.onnx) tells which are right"
     )
     assert told(likely, has_2d_boxes=True) == []
-    (warning,) = told(likely, has_images=False)
-    assert warning.endswith("; --set fuse.min_score=0.3 reports more of them")
+    for min_score, lower in (0.5, "0.3"), (0.31, "0.3"), (0.3, "0.2"):
+        (warning,) = told([seen([PEDESTRIAN], [0.25], [])] * 10, has_images=False, min_score=min_score)
+        assert warning.endswith(f"; --set fuse.min_score={lower} reports more of them")
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from seen_boxes import camera_at
 
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.detectors.pillars.embedded import EMBEDDED
+from lidcam.run.box_sources import boxes_2d_words
 from lidcam.run.build import decided
 
 LIDARS = rig((0.0, 0.0, 1.8))
@@ -50,3 +51,9 @@ def test_where_the_score_of_clusters_is_learned(
 def test_what_finds_boxes(settings: tuple[str, ...], preset: str, method: str, model: Path | None) -> None:
     found = decided(load_config(preset, settings), LIDARS).detect3d
     assert (found.method, found.model) == (method, model)
+
+
+def test_a_network_is_of_no_use_without_cameras() -> None:
+    """Cameras without calibration are left out: a 2D network would not enable them."""
+    assert boxes_2d_words(load_config("road"), LIDARS) == ("none (no usable camera)", "")
+    assert boxes_2d_words(load_config("road"), replace(LIDARS, cameras=(CAMERA,)))[0] == "as recorded"

@@ -149,6 +149,9 @@ def test_without_truth() -> None:
     assert "Fusion" not in text
     assert "without ground truth: chains\n" in text
     assert "\nfused             1.0       1" in text
+    untracked = [line.split() for line in printed(frames(lidar=[CAR_AT], fused=[], truth=None)).splitlines()]
+    assert ["lidar", "1.0", *"------"] in untracked
+    assert ["fused", "0.0", *"0--000"] in untracked
 
 
 def test_requirements_and_warnings_come_last() -> None:
