@@ -175,8 +175,7 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         found = calibrated_rig(sensors)
         if level := level_site(recording, config, rig_file, found):
             sensors = find(level.rig_file)
-            found = calibrated_rig(sensors)
-            found = replace(found, notes=(*found.notes, level.note))
+            found = level.told(calibrated_rig(sensors))
     except (CalibrationError, RecordingError) as err:
         topics, draft = look(), draft_yaml(sensors, sensors.zones) if sensors else ""
         return replace(inspection, topics=topics, losses=recording.losses, problem=_said(err, recording), draft=draft)

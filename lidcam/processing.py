@@ -146,8 +146,7 @@ def opened(job: Job) -> Iterator["Run"]:
         discover = partial(discover_rig, recording, job.config, start_ns=window.start_ns, stop_ns=window.stop_ns)
         found = discover(job.rig)
         if level := level_site(recording, job.config, job.rig, found):
-            found = discover(level.rig_file)
-            found = replace(found, notes=(*found.notes, level.note))
+            found = level.told(discover(level.rig_file))
         for fault in found.faults:
             logger.warning("%s is left out: %s", fault.sensor, fault.reason)
         for sensor in found.sources:

@@ -18,6 +18,7 @@ from lidcam.pipeline.filters.ground import find_ground
 from lidcam.pipeline.stages.odometry import FindOdometry
 from lidcam.readers.messages.tf import ODOMETRY, decode_odometry
 from lidcam.readers.recording import Recording
+from lidcam.readers.rig.calibration import RIG_FILE
 from lidcam.readers.rig.discovery import Discovery
 from lidcam.readers.rig.schema import Pose, RigFile
 from lidcam.readers.streams.decoders import CloudDecoder
@@ -263,6 +264,12 @@ class Level(NamedTuple):
 
     rig_file: RigFile  # The rig file with it
     note: str
+    source: str  # Where transforms to it come from, in place of `RIG_FILE`
+
+    def told(self, found: Discovery) -> Discovery:
+        """What was found with its rig file, with the note and the source."""
+        sources = [replace(one, extrinsics=one.extrinsics.replace(RIG_FILE, self.source)) for one in found.sources]
+        return replace(found, sources=tuple(sources), notes=(*found.notes, self.note))
 
 
 def level_site(recording: Recording, config: Config, rig_file: RigFile | None, found: Discovery) -> Level | None:
@@ -285,6 +292,7 @@ def level_site(recording: Recording, config: Config, rig_file: RigFile | None, f
         file.model_copy(update={"site_frame": level, "transforms": {**file.transforms, site: edges}}),
         f"{lidar.name}: the ground is tilted by {np.degrees(np.arccos(up[2])):.0f} degrees in its frame, so objects "
         f"are in the level frame {level}; --set rig.site_frame={site} keeps them in its own",
+        "ground" if rig_file is None else RIG_FILE,
     )
 
 

@@ -44,7 +44,10 @@ def level(messages: list[RawMessage], rig: dict[str, Any] | None = None, **secti
     found = level_site(recording, config, file, discover_rig(recording, config, file))
     if found is None:
         return None
-    (lidar,) = discover_rig(recording, config, found.rig_file).rig.lidars
+    told = found.told(discover_rig(recording, config, found.rig_file))
+    assert told.sources[0].extrinsics == f"{'rig file' if file else 'ground'}: lidar_level <- lidar"
+    assert told.notes[-1].startswith("lidar: the ground is tilted by ")
+    (lidar,) = told.rig.lidars
     assert (lidar.T_site_lidar.dst, lidar.T_site_lidar.translation.tolist()) == ("lidar_level", [0, 0, 0])
     return lidar.T_site_lidar.matrix[:3, :3]
 
