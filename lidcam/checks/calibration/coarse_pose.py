@@ -10,6 +10,8 @@ from collections.abc import Iterator, Sequence
 from itertools import product
 from typing import NamedTuple
 
+import numpy as np
+
 from lidcam.pipeline.calibration.overlap import MAX_DOUBTFUL_FIT, BoxFit, BoxFrame, has_enough, turned_pose
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.rig import CameraSensor
@@ -17,6 +19,9 @@ from lidcam.run.warning import RunWarning
 
 MAX_BAD_FIT = 0.15
 """Fit below which a pose is reported even if no other pose fits."""
+
+MIN_OUTSIDE = 0.05
+"""Share of boxes whose centre lies outside of the image that shows that they are of a larger one."""
 
 MIN_BETTER_FIT = 0.4
 """Minimum fit of a pose that is proposed instead."""
@@ -57,6 +62,14 @@ def coarse_pose_warning(
     if calibrated >= MAX_DOUBTFUL_FIT:
         return None
     finding = f"its {count} boxes overlap the objects of the lidars by {calibrated:.0%} on average"
+    xyxy, size_px = np.concatenate([frame.xyxy for frame in frames]), (camera.model.width_px, camera.model.height_px)
+    if ((xyxy[:, :2] + xyxy[:, 2:]) / 2 > size_px).any(1).mean() >= MIN_OUTSIDE:
+        reach_px, image = " x ".join(f"{value:.0f}" for value in xyxy[:, 2:].max(0)), f"{size_px[0]} x {size_px[1]} px"
+        return RunWarning(
+            camera.name,
+            f"{finding}, and reach to {reach_px} px where its calibration is for images of {image}",
+            "record the boxes in pixels of that image, or the CameraInfo of the one that they were found in",
+        )
     for candidates in (_exchanged_poses(camera, others), _turned_poses(camera)):
         fit, best = max(((fit_of(pose.T_camera_site), pose) for pose in candidates), key=lambda one: one[0])
         if fit >= max(MIN_BETTER_FIT, MIN_GAIN * calibrated):

@@ -99,6 +99,19 @@ def test_a_camera_that_fits_with_no_pose_is_named() -> None:
     assert line.endswith("by 0% on average; check its intrinsics and extrinsics; or does it look where no lidar does?")
 
 
+def test_boxes_of_a_larger_image_are_named() -> None:
+    """A detector that ran on the full image, with the CameraInfo of a half-size one."""
+
+    def scaled(result: FrameResult) -> FrameResult:
+        boxes = result.detections.cameras["front"]
+        cameras = {"front": replace(boxes, xyxy=2 * boxes.xyxy)}
+        return replace(result, detections=replace(result.detections, cameras=cameras))
+
+    [line] = warned(rig(TRUE), [scaled(result) for result in FRAMES])
+    width, height = TRUE.model.width_px, TRUE.model.height_px
+    assert f"px where its calibration is for images of {width} x {height} px; record the boxes in pixels of" in line
+
+
 @pytest.mark.parametrize("share", [0.5, 1.2])
 def test_wide_boxes_are_no_calibration_error(share: float) -> None:
     def widened(result: FrameResult) -> FrameResult:
