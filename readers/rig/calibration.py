@@ -155,7 +155,9 @@ class Frames:
         try:
             return self.transforms.lookup(dst, src)
         except FrameError as err:
-            raise FrameError(f"{err}; give its pose in a rig file (--rig), or --set 'topics.exclude=[TOPIC]'") from err
+            other = "" if self.transforms.fixed.frames else "name the file with /tf_static beside this one, "
+            remedy = f"{other}give its pose in a rig file (--rig), or --set 'topics.exclude=[TOPIC]'"
+            raise FrameError(f"{err}; {remedy}") from err
 
     def source(self, frame: str) -> str:
         """Source of the transforms from a frame to the site frame."""
@@ -379,7 +381,9 @@ def _model_of_entry(entry: CameraEntry, topics: CameraTopics, frame: str, first:
 
 def _lens_of_info(entry: CameraEntry, topics: CameraTopics, frame: str, first: FirstMessages) -> Lens:
     if not topics.info:
-        raise CalibrationError("the recording has no CameraInfo of it: give K and its pose in a rig file (--rig)")
+        raise CalibrationError(
+            "the recording has no CameraInfo of it: give its K in a rig file (--rig; inspect --write-rig drafts one)"
+        )
     info = first.decoded(topics.info, CAMERA_INFO)
     source, remark, other = topics.info, "", None
     if is_rectified(topics.image):

@@ -66,15 +66,15 @@ lidars:
     topic: /velodyne2_points # sensor_msgs/msg/PointCloud2, 1 points in the first message
     frame_id: velodyne2
     T_site_lidar: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
-'velodyne2' with 'velodyne1'; frames with a transform: none at all; give \
-its pose in a rig file (--rig), or --set 'topics.exclude=[TOPIC]')
+'velodyne2' with 'velodyne1'; frames with a transform: none at all; name \
+the file with /tf_static beside this one, give its pose in a rig file (--rig), or --set 'topics.exclude=[TOPIC]')
 cameras:
   cam11:
     topic: /image_raw_11 # sensor_msgs/msg/Image
     width_px: 64
     height_px: 48
-    K: TODO # TODO 3 x 3, pixels; then distortion_model and distortion (the recording has no CameraInfo of it: give K \
-and its pose in a rig file (--rig))
+    K: TODO # TODO 3 x 3, pixels; then distortion_model and distortion (the recording has no CameraInfo of it: give \
+its K in a rig file (--rig; inspect --write-rig drafts one))
     T_camera_site: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no message of it names its \
 frame: give its pose in a rig file (--rig))
   cam12:
@@ -83,11 +83,11 @@ frame: give its pose in a rig file (--rig))
     frame_id: camera_12
     width_px: 64
     height_px: 48
-    K: TODO # TODO 3 x 3, pixels; then distortion_model and distortion (the recording has no CameraInfo of it: give K \
-and its pose in a rig file (--rig))
+    K: TODO # TODO 3 x 3, pixels; then distortion_model and distortion (the recording has no CameraInfo of it: give \
+its K in a rig file (--rig; inspect --write-rig drafts one))
     T_camera_site: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
-'velodyne1' with 'camera_12'; frames with a transform: none at all; give \
-its pose in a rig file (--rig), or --set 'topics.exclude=[TOPIC]')
+'velodyne1' with 'camera_12'; frames with a transform: none at all; name \
+the file with /tf_static beside this one, give its pose in a rig file (--rig), or --set 'topics.exclude=[TOPIC]')
 zones: {}
 """
     )
