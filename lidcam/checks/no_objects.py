@@ -11,6 +11,8 @@ from lidcam.run.warning import RunWarning
 MAX_EXTENT_M = 2000.0
 """Maximum width of clouds in metres: no lidar sees further."""
 
+MODEL_CARS = "sandbox finds model cars alone: try --config road for people and full-size vehicles; else "
+
 REMEDY = "look for the first step that leaves nothing, and for the setting beside it"
 
 
@@ -78,10 +80,10 @@ class ObjectCheck:
         if size.extent_m[0] > MAX_EXTENT_M:
             extent = " x ".join(f"{value:.0f}" for value in size.extent_m)
             return f"clouds of {extent} m are probably in millimetres: record them in metres (REP 103)"
-        preset, condition = judge(size, moves=self._moves), ""
+        preset = judge(size, moves=self._moves)
         if size.lidar_height_m is None:  # the extent alone says little
             preset = "sandbox" if size.extent_m[0] < MODEL_EXTENT_M else self._settings.name
-            condition = " if this is a model site"
         if preset == self._settings.name:
-            return REMEDY
+            return f"{MODEL_CARS if preset == 'sandbox' else ''}{REMEDY}"
+        condition = " if this is a model site" if preset == "sandbox" else ""  # not a room
         return f"{scene_text(size, moves=self._moves)}: try --config {preset}{condition}; else {REMEDY}"

@@ -10,7 +10,7 @@ from frames import CONFIG, RIG, frame
 from memory_recording import MemoryRecording
 
 import lidcam
-from lidcam.checks.no_objects import REMEDY, ObjectCheck
+from lidcam.checks.no_objects import MODEL_CARS, REMEDY, ObjectCheck
 from lidcam.pipeline.core.detections import Fused
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import RecordedDetector, Rig
@@ -21,7 +21,7 @@ from lidcam.run.warning import RunWarning
 
 ROOT = Path(__file__).resolve().parents[3]
 SANDBOX = ROOT / "bags" / "sandbox.bag"
-LOOKS_LIKE = "clouds of 5.5 x 3.9 m, lidars 0.3 m above the ground: try --config sandbox; else "
+LOOKS_LIKE = "clouds of 5.5 x 3.9 m, lidars 0.3 m above the ground: try --config sandbox if this is a model site; else "
 
 
 def warning_of(config: str | None, *settings: str) -> RunWarning:
@@ -38,7 +38,7 @@ def warning_of(config: str | None, *settings: str) -> RunWarning:
     [
         ("road", ["combine.max_range_m=0.05"], r"of them outside of combine\.min_range_m and max_r", LOOKS_LIKE),
         ("road", [], r", 0 boxes of at least detect3d\.min_score 0\.07", LOOKS_LIKE),
-        ("sandbox", ["fuse.min_score=1"], r"the most probable 0\.\d\d, of fuse\.min_score 1$", ""),
+        ("sandbox", ["fuse.min_score=1"], r"the most probable 0\.\d\d, of fuse\.min_score 1$", MODEL_CARS),
     ],
     ids=["range", "scale", "fuse"],
 )
