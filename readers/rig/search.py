@@ -91,9 +91,9 @@ def find_sensors(
     transforms, of_rig = _with_rig(recorded, rig_file)
     of_lidars, of_cameras, of_detectors = Findings(), Findings(), Findings()
     detectors = find_detector_topics(recording, config, first, of_detectors)
-    named_topics = {
-        entry.topic for entries in (rig_file.lidars, rig_file.cameras) for entry in (entries or {}).values()
-    }
+    lidar_entries, camera_entries = (rig_file.lidars or {}).values(), (rig_file.cameras or {}).values()
+    named_topics = {entry.topic for entry in (*lidar_entries, *camera_entries)}
+    named_topics |= {entry.boxes_topic for entry in camera_entries}
     lidar_topics = find_lidar_topics(recording, config.topics, first, of_lidars, transforms, of_rig=named_topics)
     lidars = assign_lidars(rig_file.lidars, lidar_topics, recording, of_lidars)
     if not lidars and not detectors and rig_file.lidars == {}:

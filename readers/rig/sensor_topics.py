@@ -173,7 +173,7 @@ def find_camera_topics(
 ) -> list[CameraTopics]:
     """Cameras, in natural order or as configured; those with boxes but no images come last.
 
-    Images of the rig file (`of_rig`) were made of no others.
+    Images of the rig file (`of_rig`) were made of no others, and its boxes need no images.
     """
     notes = findings.notes
     calibrations = sorted(readable_topics(recording, CAMERA_INFO), key=natural_key)
@@ -214,8 +214,9 @@ def find_camera_topics(
     for topic in alone:
         if info := _best(topic, calibrations, frames, single=single):
             cameras.append(CameraTopics("", info, topic))
-        else:
-            notes.append(f"{topic}: boxes of a camera without images and without CameraInfo, not used")
+        elif topic not in of_rig:
+            remedy = "give it as boxes_topic of a camera with K in a rig file (--rig)"
+            notes.append(f"{topic}: boxes of a camera without images and without CameraInfo, not used; {remedy}")
     return cameras
 
 
