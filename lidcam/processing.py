@@ -137,7 +137,8 @@ def opened(job: Job) -> Iterator["Run"]:
         sensor_messages(open_recording(job.inputs, options), limits=options.limits) as recording,
     ):
         seconds, topics = (recording.end_ns - recording.start_ns) / 1e9, len(recording.topics)
-        logger.info("%s: %d messages of %d topics, %.3f s", recording.paths, recording.message_count, topics, seconds)
+        files = ", ".join(map(str, recording.paths))
+        logger.info("%s: %d messages of %d topics, %.3f s", files, recording.message_count, topics, seconds)
         for path in dict.fromkeys(loss.path for loss in recording.losses):
             logger.warning("%s is damaged or was not closed: what can still be read is read", path)
         check_not_empty(recording)

@@ -1,5 +1,6 @@
 """The records attached to a result: its inputs, settings and rig."""
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,8 +69,8 @@ def read_records(path: Path) -> AttachedRecords:
             metadata, texts = _records(stream)
     if RESULT not in metadata:
         raise RecordingError(
-            f"{path}: expected a result of lidcam, found a recording; run `lidcam process {path.name} OUT.mcap` first, "
-            "and give OUT.mcap"
+            f"{path}: expected a result of lidcam, found a recording; run `lidcam process {shlex.quote(str(path))} "
+            "OUT.mcap` first, and give OUT.mcap"
         )
     missing = [name for name in (CONFIG, RIG) if name not in texts]
     if missing:

@@ -49,7 +49,8 @@ def test_a_run_is_read_back_from_its_result(run: lidcam.RunResult) -> None:
 
 
 def test_what_is_no_result_or_lacks_something(run: lidcam.RunResult, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(lidcam.RecordingError, match="expected a result of lidcam, found a recording"):
+    words = f"expected a result of lidcam, found a recording; run `lidcam process {CROSSING} OUT.mcap` first"
+    with pytest.raises(lidcam.RecordingError, match=re.escape(words)):
         lidcam.load(CROSSING)
     monkeypatch.setattr(loaded, "SCENE", "/nothing")
     with pytest.raises(lidcam.RecordingError, match=r"out\.mcap: is damaged, or of another version of lidcam: '/noth"):
