@@ -118,4 +118,6 @@ def _assign(
         findings.notes.append(f"{name}: has no topic in the rig file; by order it is {topic}")
     for name in left[len(free) :]:
         findings.leave_out(name, "", "the recording has no topic left for it")
+    if entries and (others := free[len(left) :]):
+        findings.notes.append(f"not used, as the rig file names others alone: {', '.join(others)}")
     return {name: chosen[name] for name in entries if name in chosen}

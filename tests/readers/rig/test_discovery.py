@@ -64,6 +64,16 @@ def moving(i: int) -> RawMessage:
     return raw("/tf", "tf2_msgs/msg/TFMessage", tf_message([edge]), i)
 
 
+@pytest.mark.parametrize(("named", "notes"), [("a", ["/b_points, /c_points"]), ("abc", [])])
+def test_sensors_that_a_rig_file_does_not_name_are_told(named: str, notes: list[str]) -> None:
+    """Somebody who gives the time offset of one sensor loses the others."""
+    file = RigFile.model_validate({"lidars": {name: {"topic": f"/{name}_points"} for name in named}})
+    edges = [("site", name, (1, 0, 0)) for name in "abc"]
+    found = discover_rig(MemoryRecording([static(*edges), A, B, C]), Config(), file)
+    assert [lidar.name for lidar in found.rig.lidars] == [*named]
+    assert [*found.notes] == [f"not used, as the rig file names others alone: {topics}" for topics in notes]
+
+
 CUT = A._replace(data=bytes(A.data)[:30])
 
 
