@@ -62,34 +62,31 @@ def error_map(plots: DetectionPlots) -> Figure | None:
     shape = height, width
     common = {
         "type": "heatmap",
-        "x": rounded((corner[0] + np.arange(width) + 0.5) * cell_m),
-        "y": rounded((corner[1] + np.arange(height) + 0.5) * cell_m),
+        "x": rounded((corner[0] + np.arange(width + 1)) * cell_m),  # edges
+        "y": rounded((corner[1] + np.arange(height + 1)) * cell_m),
         "customdata": total.reshape(shape).tolist(),
         "colorscale": [[0, "@calm"], [0.5, "@warn"], [1, "@bad"]],
     }
-    limit_m = float(np.nanpercentile(mean, 95)) if np.isfinite(mean).any() else 1.0
-    traces = [
-        common
-        | {
-            "meta": "position error",
-            "z": rounded(mean.reshape(shape)),
-            "zmin": 0,
-            "zmax": round(limit_m, 3),
-            "colorbar": {"title": {"text": "m"}, "thickness": 10},
-            "hovertemplate": "%{z:.2f} m off in the mean<br>%{customdata} true boxes<extra></extra>",
-        },
-        common
-        | {
-            "meta": "share missed",
-            "z": rounded(missed.reshape(shape)),
-            "zmin": 0,
-            "zmax": 1,
-            "colorbar": {"thickness": 10, "tickformat": ".0%"},
-            "hovertemplate": "%{z:.0%} missed<br>%{customdata} true boxes<extra></extra>",
-        },
-    ]
+    position_error = {
+        "meta": "position error",
+        "z": rounded(mean.reshape(shape)),
+        "zmin": 0,
+        "zmax": round(float(np.nanpercentile(mean, 95)), 3) if found.any() else 1,
+        "colorbar": {"title": {"text": "m"}, "thickness": 10},
+        "hovertemplate": "%{z:.2f} m off in the mean<br>%{customdata} true boxes<extra></extra>",
+    }
+    share_missed = {
+        "meta": "share missed",
+        "z": rounded(missed.reshape(shape)),
+        "zmin": 0,
+        "zmax": 1,
+        "colorbar": {"thickness": 10, "tickformat": ".0%"},
+        "hovertemplate": "%{z:.0%} missed<br>%{customdata} true boxes<extra></extra>",
+    }
+    views = [position_error] * bool(found.any()) + [share_missed]
     layout = {
         "xaxis": {"title": {"text": "x, m"}, "constrain": "domain"},
         "yaxis": {"title": {"text": "y, m"}, "scaleanchor": "x", "constrain": "domain"},
     }
-    return {"data": traces, "layout": layout, "views": ["position error", "share missed"], "height": 380}
+    names = [view["meta"] for view in views]
+    return {"data": [common | view for view in views], "layout": layout, "views": names, "height": 380}

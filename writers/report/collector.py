@@ -36,7 +36,10 @@ class Courses:
         self._dropped: set[int] = set()
 
     def add_frame(self, time_s: float, numbers: I64, xy: F64, speeds: F64) -> None:
-        """Take in the tracks of one frame: their numbers (N,), places (N, 2) in a fixed frame, and speeds (N,)."""
+        """Take in the tracks of one frame: their numbers (N,), places (N, 2) in a fixed frame, and speeds (N,).
+
+        A speed that is not known is NaN.
+        """
         rows = zip(numbers.tolist(), xy.tolist(), speeds.tolist(), strict=True)
         for number, (x, y), speed in rows:
             if number in self._dropped:
@@ -109,7 +112,7 @@ class Timeline:
 
     def add_frame(self, time_s: float, sums: Mapping[str, float], maxima: Mapping[str, float]) -> None:
         """Take in a frame at a time since the first; one from before it counts as of the first step."""
-        while (step := max(int(time_s / self.step_s), 0)) >= MAX_STEPS:
+        while (step := max(int(time_s / self.step_s + 1e-6), 0)) >= MAX_STEPS:  # 0.6 / 0.1 is a little less than 6
             self._double()
         self._last = max(self._last, step)
         self.frames[step] += 1
@@ -178,6 +181,7 @@ class ReportCollector:
         places: Where objects without tracks were, by class name.
         time: By step: `CLASS PLACE` sums of objects, `skew` the largest one (ms).
         sensors: By step: `TOPIC` frames with a message of it.
+        missed: Names of the sensors that a frame lacks.
         busiest: The frame with most objects, one with images rather than one without, the first of equals; None where
             there are no objects, or the result does not say when its frames were recorded.
         log_times_ns: Log time of each frame; 0 where it is not known.
@@ -198,6 +202,7 @@ class ReportCollector:
         self.objects = dict.fromkeys(config.class_names, 0)
         self.users, self.courses = RoadUserTally(config, rig), Courses()
         self.time, self.sensors = Timeline(), Timeline()
+        self.missed: set[str] = set()
         self.places: dict[str, SparseGrid] = {}
         self.busiest: Moment | None = None
         self._cameras = {camera.topic for camera in rig.cameras if camera.topic}
@@ -225,6 +230,7 @@ class ReportCollector:
         maxima = {} if frame.skew_ns is None else {"skew": frame.skew_ns / 1e6}
         if frame.sync is not None:
             self.sensors.add_frame(time_s, dict.fromkeys(frame.sync.offsets_ns, 1.0), {})
+            self.missed.update(frame.sync.missing)
         self.time.add_frame(time_s, sums, maxima)
 
     def figures(self) -> Figures:
@@ -261,8 +267,7 @@ class ReportCollector:
         rows = np.flatnonzero(source.track_ids > NO_TRACK)
         numbers = source.track_ids[rows]
         self.users.add_objects(frame.stamp_ns, boxes.class_ids[rows], boxes.centers[rows], numbers, speeds[rows])
-        rows = rows[np.isfinite(speeds[rows])]
-        self.courses.add_frame(time_s, source.track_ids[rows], xy[rows], speeds[rows])
+        self.courses.add_frame(time_s, numbers, xy[rows], speeds[rows])
 
     def _travel(self, time_s: float, xy: F64) -> None:
         self.way.add_frame(time_s, np.zeros(1, np.int64), xy[None], np.zeros(1))

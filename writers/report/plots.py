@@ -4,15 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.evaluation.road_users import RoadUserTable
-from lidcam.writers.report.collector import ReportCollector
+from lidcam.writers.report.collector import ReportCollector, Timeline
 from lidcam.writers.report.values import KM_H, Figure, nice, per, rounded, seconds_axis
 
 
 def objects_figure(seen: ReportCollector, class_names: Sequence[str], places: Sequence[str]) -> Figure:
     """How many objects of each class there were at a time: of all, and in each zone."""
-    counts, times_s = seen.time.counts(), seen.time.times_s
+    counts = seen.time.counts()
     traces, views = [], ["everywhere", *[place for place in places if place]] if len(places) > 1 else []
     for view in views or ["everywhere"]:
         for class_id, name in enumerate(class_names):
@@ -25,8 +26,7 @@ def objects_figure(seen: ReportCollector, class_names: Sequence[str], places: Se
                     "type": "scatter",
                     "mode": "lines",
                     "name": name,
-                    "x": rounded(times_s),
-                    "y": rounded(per(total, counts)),
+                    **_steps(seen.time, per(total, counts)),
                     "line": {"color": f"@class:{class_id}", "width": 2, "shape": "hv"},
                     "hovertemplate": "%{y:.1f} at %{x:.1f} s<extra>" + name + "</extra>",
                     **({"meta": view} if views else {}),
@@ -36,22 +36,34 @@ def objects_figure(seen: ReportCollector, class_names: Sequence[str], places: Se
     return {"data": traces, "layout": layout, "views": views, "height": 260}
 
 
+def _steps(time: Timeline, values: F64) -> Figure:
+    """The values (S,) of the steps of time as a line of stairs, up to the end of the last step."""
+    ends_s = np.append(time.times_s, time.times_s[-1] + time.step_s)
+    return {"x": rounded(ends_s), "y": rounded(np.append(values, values[-1]))}
+
+
 def sensors_figure(seen: ReportCollector, rig: Rig) -> Figure:
-    """Whether each sensor was there, by step of time: its rate as a share of what it mostly is, but for a message."""
+    """Whether each sensor was there, by step of time: its rate as a share of what it mostly is, but for a message.
+
+    Topics that no frame was to have, such as images that are not written, are left out.
+    """
     time = seen.sensors
     counts, times_s = time.counts(), time.times_s
     whole_s = np.minimum(time.step_s, np.maximum(seen.seconds - times_s, 1e-3) + seen.seconds / max(seen.frames, 1))
-    names = [name for topic, name in rig.sensor_of_topic.items()][::-1]
-    counted = [time.sums(topic) for topic in rig.sensor_of_topic][::-1]
+    used = [
+        (topic, name) for topic, name in rig.sensor_of_topic.items() if time.sums(topic).any() or name in seen.missed
+    ]
+    names, counted = [name for _, name in used[::-1]], [time.sums(topic) for topic, _ in used[::-1]]
     rates = [count / whole_s for count in counted]
     usual = [float(np.percentile(rate, 75)) * whole_s for rate in rates]  # messages in each step, mostly
     shares = [
-        np.where(expected >= 1, np.minimum((count + (count > 0)) / np.maximum(expected, 1), 1), np.nan)
+        np.where(is_known, np.minimum((count + (count > 0)) / np.maximum(expected, 1), 1), np.nan)
         for count, expected in zip(counted, usual, strict=True)
+        for is_known in [(expected >= 1) | (count > 0) | (not count.any())]
     ]
     trace = {
         "type": "heatmap",
-        "x": rounded(times_s + time.step_s / 2),
+        "x": rounded(np.append(times_s, times_s[-1] + time.step_s)),  # edges
         "y": names,
         "z": [rounded(np.where(counts > 0, share, np.nan)) for share in shares],
         "customdata": [rounded(rate) for rate in rates],
@@ -74,8 +86,7 @@ def skew_figure(seen: ReportCollector) -> Figure:
         "type": "scatter",
         "mode": "lines",
         "name": "skew",
-        "x": rounded(seen.time.times_s),
-        "y": rounded(skew_ms),
+        **_steps(seen.time, skew_ms),
         "line": {"color": "@ink", "width": 1.5, "shape": "hv"},
         "hovertemplate": "%{y:.1f} ms at %{x:.1f} s<extra></extra>",
     }
@@ -94,6 +105,7 @@ def speeds_figure(users: RoadUserTable, class_names: Sequence[str]) -> Figure:
     step = nice(max(fastest, 0.1) / 12)
     edges = np.arange(0, fastest + step, step)
     edges = np.append(edges, edges[-1] + step)
+    most = np.histogram(speeds[users.moved], edges)[0].max()
     traces = []
     for class_id, name in enumerate(class_names):
         own = speeds[users.moved & (users.class_ids == class_id)]
@@ -113,7 +125,7 @@ def speeds_figure(users: RoadUserTable, class_names: Sequence[str]) -> Figure:
         "barmode": "stack",
         "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0, "traceorder": "normal"},
         "xaxis": {"title": {"text": "mean speed of each, km/h"}, "rangemode": "tozero"},
-        "yaxis": {"title": {"text": "road users"}},
+        "yaxis": {"title": {"text": "road users"}, "dtick": max(nice(most / 5), 1.0)},
     }
     return {"data": traces, "layout": layout, "height": 240}
 

@@ -24,6 +24,7 @@ def map_figure(seen: ReportCollector, rig: Rig, background: SparseGrid | None, c
     """All tracks from above, over what stands still, with the zones; by class, and by speed."""
     table = seen.users.table
     lines = dict(seen.courses.lines())
+    known = {number: line[np.isfinite(line[:, 2])] for number, line in lines.items()}  # where speeds are known
     classes = dict(zip(seen.users.numbers, table.class_ids.tolist(), strict=True))
     drawn = [line[:, :2] for line in lines.values()] + [grid.centers for grid in seen.places.values()]
     low, high = map_extent(drawn, background)
@@ -31,13 +32,12 @@ def map_figure(seen: ReportCollector, rig: Rig, background: SparseGrid | None, c
     traces += _way(seen)
     traces += [_dots(grid, name, class_names.index(name)) for name, grid in sorted(seen.places.items())]
     for class_id, name in enumerate(class_names):
-        own = [line for number, line in lines.items() if classes.get(number) == class_id]
+        own = [number for number in lines if classes.get(number) == class_id]
         if own:
-            traces.append(_line(name, f"@class:{class_id}", own, "by class"))
-            traces.append(_ends(name, f"@class:{class_id}", own, "by class"))
-    views = ["by class", "by speed"] if lines else []
-    if lines:
-        traces += _by_speed(list(lines.values()))
+            traces.append(_line(name, f"@class:{class_id}", [known[number] for number in own], "by class"))
+            traces.append(_ends(name, f"@class:{class_id}", [lines[number] for number in own], "by class"))
+    pieces = _by_speed(list(known.values())) if lines else []
+    traces, views = traces + pieces, ["by class", "by speed"] if pieces else []
     least = 0.05 if seen.travelled_m else 0.2  # what drives by a rig that stands is seldom in one place
     layout = {
         "xaxis": {"title": {"text": "x, m"}, "range": [low[0], high[0]], "constrain": "domain"},
@@ -223,7 +223,7 @@ def _ends(name: str, color: str, lines: Sequence[F64], view: str) -> dict[str, A
 
 def _by_speed(lines: Sequence[F64]) -> list[dict[str, Any]]:
     """The lines once more, in pieces of the same step of speed."""
-    fastest = KM_H * max(float(line[:, 2].max()) for line in lines)
+    fastest = KM_H * float(np.concatenate(lines)[:, 2].max(initial=0.0))
     step = nice(max(fastest, 0.1) / SPEED_STEPS)
     pieces: dict[int, list[F64]] = {}
     for line in lines:

@@ -147,8 +147,9 @@ def _figures(
         found["map"] = map_figure(seen, rig, background, names)
     if any(seen.objects.values()):
         found["objects"] = plots.objects_figure(seen, names, rig.place_names)
-    if len(users):
+    if users.moved.any():
         found["speeds"] = plots.speeds_figure(users, names)
+    if len(users):
         found["dwell"] = plots.dwell_figure(users, names)
     if any(seen.log_times_ns):
         found["sensors"] = plots.sensors_figure(seen, rig)
