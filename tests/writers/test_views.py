@@ -255,15 +255,15 @@ def test_a_box_whose_object_is_not_reported_is_the_camera_s_alone() -> None:
     assert rgb(drawn.points[-2].outline_color) == CAMERA_ONLY
 
 
-@pytest.mark.parametrize("height_px", [480, 2160])
-def test_letters_and_lines_grow_with_the_image(height_px: int) -> None:
-    camera = forward_camera("left", size_px=(height_px * 4 // 3, height_px))
+@pytest.mark.parametrize(("size_px", "labels"), [((640, 480), 3), ((2880, 2160), 2), ((480, 640), 3)])
+def test_letters_and_lines_grow_with_the_image(size_px: tuple[int, int], labels: int) -> None:
+    camera, short_px = forward_camera("left", size_px=size_px), min(size_px)
     result = frame()
     drawn = annotations(replace(result, views={**result.views, "left": camera}), camera)
-    assert {text.font_size for text in drawn.texts} == {height_px / 24}
+    assert {text.font_size for text in drawn.texts} == {short_px / 24}
     assert all(text.position.y >= text.font_size for text in drawn.texts)
-    assert {part.thickness for part in drawn.points} == {height_px / 300, height_px / 600}
-    assert len(drawn.texts) == (3 if height_px == 480 else 2)  # a box of 40 px is lower than letters of 90
+    assert {part.thickness for part in drawn.points} == {short_px / 300, short_px / 600}
+    assert len(drawn.texts) == labels  # a box of 40 px is lower than letters of 90
 
 
 def test_objects_are_drawn_from_where_the_image_was_taken() -> None:

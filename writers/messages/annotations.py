@@ -19,7 +19,7 @@ from lidcam.writers.drawing import (
 from lidcam.writers.messages.parts import colors, opaque, split
 
 LABEL_SHARE = 1 / 24
-"""Height of the letters as a share of the image's: legible in a panel of 200 px."""
+"""Height of the letters as a share of the image's shorter side: legible in a panel of 200 px."""
 
 _LETTER_WIDTH = 0.6
 """Width of a letter, as a share of its height."""
@@ -39,7 +39,7 @@ def image_annotations(drawn: DrawnObjects, camera: CameraSensor, edges: ObjectEd
     by equality.
     """
     boxes, time = drawn_boxes_2d(drawn, camera.name), ROS2.time(stamp_ns)
-    line_px = camera.model.height_px * _LINE_SHARE
+    line_px = min(camera.model.width_px, camera.model.height_px) * _LINE_SHARE
     lines = [*_objects(drawn, edges, line_px, time), *_rectangles(boxes, line_px, time)]
     return ROS2.new(
         "foxglove_msgs/msg/ImageAnnotations",
@@ -88,7 +88,7 @@ def _lines(kind: int, points: F32, counts: I64, rgba: F64, thickness_px: F64, ti
 
 def _texts(camera: CameraSensor, boxes: DrawnBoxes2D, time: Any) -> list[Any]:
     """The labels in an image."""
-    letters_px = camera.model.height_px * LABEL_SHARE
+    letters_px = min(camera.model.width_px, camera.model.height_px) * LABEL_SHARE
     found = [*_label_places(boxes, camera, letters_px)] if boxes.labels else []
     return ROS2.rows(
         "foxglove_msgs/msg/TextAnnotation",
