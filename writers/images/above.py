@@ -13,7 +13,7 @@ from lidcam.pipeline.core.rig import Rig
 from lidcam.writers.drawing import DrawnObjects, ground_ellipses, strong_objects
 from lidcam.writers.images.canvas import FAINT_TEXT, TEXT, Canvas, Color, Label
 from lidcam.writers.palette import GROUND, HEIGHT_COLORS, class_color, height_rows
-from lidcam.writers.viewpoint import front_of_rig
+from lidcam.writers.viewpoint import front_of_rig, zone_texts
 
 _GRID: Color = (38, 42, 48)
 _ZONE: Color = (126, 138, 170)
@@ -147,13 +147,11 @@ def _draw_points(canvas: Canvas, site: SiteMap, cloud: PointCloud, colors: U8) -
 def _draw_zones(canvas: Canvas, site: SiteMap, drawn: DrawnObjects, rig: Rig) -> list[Label]:
     """The zones as far as they are in view; returns their names with the number of objects in each."""
     low, high = site.bounds_m()
-    places = rig.place_rows(drawn.boxes.centers[drawn.strong])
-    counts = {zone.name: str((places == row).sum()) for row, zone in enumerate(rig.counted_zones)}
     labels = []
-    for zone in rig.zones:
+    for zone, text in zip(rig.zones, zone_texts(rig, drawn.boxes.centers[drawn.strong]), strict=True):
         canvas.lines([site.pixels(np.clip(zone.polygon_site, 2 * low - high, 2 * high - low))], _ZONE, closed=True)
         x, y = site.pixels(np.clip(zone.polygon_site, low, high).mean(0)).tolist()
-        labels.append(Label(x, y, f"{zone.name}: {counts.get(zone.name, zone.use)}", _ZONE, 0.0))
+        labels.append(Label(x, y, text, _ZONE, 0.0))
     return labels
 
 

@@ -3,9 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
-from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.geometry.boxes import UNIT_CORNERS, box_corners
 from lidcam.pipeline.core.true_boxes import TrueBoxes
@@ -40,7 +37,7 @@ def placed_scene(boxes: Boxes3D, class_names: Sequence[str], *, stamp_ns: int) -
         boxes.frame_id,
         {"class": names, "score": [f"{score:.4f}" for score in scores]},
         lines=[[*pair] for pair in zip(edges, around, strict=True)],
-        texts=[[text] for text in labels(texts, _above(boxes.centers, boxes.sizes), color)],
+        texts=[[text] for text in labels(texts, boxes.centers + boxes.sizes * [0.0, 0.0, LABEL_SHARE], color)],
     )
     return whole_scene(stamp_ns, drawn)
 
@@ -60,8 +57,3 @@ def truth_scene(truth: TrueBoxes) -> Any:
         lines=[[edges] for edges in outlines(corners, color, TRUTH_EDGE_PX)],
     )
     return whole_scene(truth.stamp_ns, drawn)
-
-
-def _above(centers: F64, sizes: F64) -> F64:
-    """(N, 3) places of labels."""
-    return centers + np.array([0.0, 0.0, LABEL_SHARE]) * sizes[:, 2:]

@@ -142,13 +142,6 @@ def _of_tracks(tracks: Tracks | None) -> dict[str, list[str]]:
     }
 
 
-def label_places(boxes: Boxes3D) -> F64:
-    """(N, 3) places as far above the roofs of boxes as a marker's letters need."""
-    places = boxes.centers.copy()
-    places[:, 2] += boxes.sizes[:, 2] * (0.5 + LABEL_SHARE)
-    return places
-
-
 def _colors(drawn: DrawnObjects) -> F64:
     """(N, 4) red, green, blue and opacity of each object."""
     alphas = np.where(drawn.thin, ALPHA_PLACED, ALPHA_STRONG)
@@ -170,8 +163,8 @@ def marker_array(drawn: DrawnObjects) -> Any:
     ids = rows if result.fused.tracks is None else np.where(numbers != NO_TRACK, numbers, -1 - rows)
     unit, origin = ROS2.vector(1.0, 1.0, 1.0), ROS2.pose((0.0, 0.0, 0.0))
     delete = ROS2.rows(_MARKER, 1, header=header, type=_CUBE, action=_DELETE_ALL, pose=origin, scale=unit, color=white)
-    letters = np.zeros((n, 3))
-    letters[:, 2] = objects.sizes[:, 2] * LABEL_SHARE
+    letters = objects.sizes * [0.0, 0.0, LABEL_SHARE]
+    above_roofs = objects.centers + objects.sizes * [0.0, 0.0, 0.5 + LABEL_SHARE]  # as far as the letters need
     cubes = ROS2.rows(
         _MARKER,
         n,
@@ -192,7 +185,7 @@ def marker_array(drawn: DrawnObjects) -> Any:
         id=ids,
         type=_TEXT_VIEW_FACING,
         action=_ADD,
-        pose=places_as_poses(label_places(objects)),
+        pose=places_as_poses(above_roofs),
         scale=vectors(letters),
         color=white,
         text=[*drawn.labels],
