@@ -15,6 +15,9 @@ from lidcam.pipeline.core.true_boxes import TrueBoxes
 SAME_CLOCK_NS = 2_000_000_000
 """Truth whose stamp is farther from every frame has another clock: then it goes by the times of recording."""
 
+LASTS_NS = 1_500_000_000
+"""Where no newer truth is recorded for this time, it is drawn no more: it would ride along with a vehicle."""
+
 MAX_FRAMES, MAX_WAITING = 256, 256
 """Frames that truth may belong to, and messages of it that may wait for the next frame."""
 
@@ -34,15 +37,22 @@ class TruthTimes:
     def __init__(self) -> None:
         self._frames: deque[FrameTime] = deque(maxlen=MAX_FRAMES)
         self._waiting: list[TrueBoxes] = []
+        self._drawn: dict[str, TrueBoxes] = {}  # by topic, the last one
 
     def add_frame(self, bundle: SensorBundle) -> list[tuple[FrameTime, TrueBoxes]]:
-        """The truth whose frame is known now, in the order in which it was recorded, with that frame."""
-        self._frames.append(FrameTime(bundle.index, bundle.stamp_ns, bundle.log_time_ns))
+        """The truth whose frame is known now, in the order in which it was recorded, with that frame.
+
+        Where the truth of a topic has ended, this frame has one without objects.
+        """
+        here = FrameTime(bundle.index, bundle.stamp_ns, bundle.log_time_ns)
+        self._frames.append(here)
         self._waiting += bundle.truth
         known = [truth for truth in self._waiting if truth.stamp_ns <= bundle.stamp_ns or self._has_other_clock(truth)]
         late = [truth for truth in self._waiting if truth not in known]
         known, self._waiting = [*known, *late[:-MAX_WAITING]], late[-MAX_WAITING:]
-        return self._with_frames(known)
+        self._drawn |= {truth.topic: truth for truth in known}
+        ended = [one for one in self._drawn.values() if here.log_time_ns - one.log_time_ns > LASTS_NS]
+        return self._with_frames(known) + [(here, self._drawn.pop(one.topic).none_at(here.stamp_ns)) for one in ended]
 
     def rest(self) -> list[tuple[FrameTime, TrueBoxes]]:
         """The truth that waits for a frame after the last one."""

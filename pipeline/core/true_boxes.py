@@ -1,7 +1,8 @@
 """Recorded truth, to be drawn beside the results."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -26,3 +27,8 @@ class TrueBoxes:
         check_array("centers", self.centers, (n, 3), np.float64)
         check_array("sizes", self.sizes, (n, 3), np.float64)
         check_array("yaws", self.yaws, (n,), np.float64)
+
+    def none_at(self, stamp_ns: int) -> Self:
+        """No objects, of the same topic, at another time."""
+        nothing = np.zeros((0, 3))
+        return replace(self, stamp_ns=stamp_ns, centers=nothing, sizes=nothing, yaws=np.zeros(0), labels=())
