@@ -79,7 +79,8 @@ class Boxes3D(Table):
         point_counts: (N,) int32, lidar points that the box was found from; zeros where unknown.
         covariances: (N, 3, 3) float64 over x, y (m^2) and yaw (rad^2); zeros where unknown.
         sources: (N,) uint8, the `Source` of each box.
-        measured_ns: (N,) int64, when the object was where its box says: mean time of its points or images.
+        measured_ns: (N,) int64, when the object was where its box says: mean time of its points or images; of tracked
+            objects `stamp_ns`.
     """
 
     ROWS: ClassVar = {"centers": (3,), "sizes": (3,), "covariances": (3, 3)}

@@ -53,7 +53,8 @@ class Objects(CheckedTable):
         matched: (N,) int32, number of cameras that confirm it.
         covariances: (N, 3, 3) float64 over x, y and yaw.
         sources: (N,) uint8, the `Source` of each object's geometry.
-        measured_ns: (N,) int64, when the object was there: mean time of its points or images.
+        measured_ns: (N,) int64, when the object was there: the stamp of the frame for tracked objects, else the mean
+            time of its points or images.
         tracks: (N,) int64, number of its track from 1, the same in all frames; 0 where it belongs to none.
         velocities: (N, 2) float64, over the ground, along x and y of the site frame, m/s.
         yaw_rates: (N,) float64, over the ground, rad/s, counter-clockwise.
