@@ -47,10 +47,10 @@ def place_eye(survey: SceneSurvey) -> Viewpoint:
     return survey.viewpoint(aspect=scene_panels(_panels(survey.rig).scene_aspect).aspect, fov_y_deg=FOV_Y_DEG)
 
 
-def blueprint(survey: SceneSurvey, viewpoint: Viewpoint) -> rrb.Blueprint:
-    """The scene and the images, in their aspects and in the order in which the cameras look around."""
+def blueprint(survey: SceneSurvey, viewpoint: Viewpoint, *, is_tracked: bool) -> rrb.Blueprint:
+    """The scene, the images in their aspects, in the order in which the cameras look around, and the plots."""
     panels, cameras = _panels(survey.rig), _shown(survey.rig)
-    scene, plots = _scene(survey, viewpoint, panels.scene_aspect), _plots(panels)
+    scene, plots = _scene(survey, viewpoint, panels.scene_aspect), _plots(panels, is_tracked=is_tracked)
     layout: Any = rrb.Tabs(scene, rrb.Vertical(plots, name="Plots"), active_tab=0)
     if cameras:
         images: Any = rrb.Grid(*map(_image_view, cameras), grid_columns=panels.columns)
@@ -127,7 +127,7 @@ def _image_view(camera: CameraSensor) -> rrb.Spatial2DView:
     )
 
 
-def _plots(panels: Panels) -> rrb.Container:
+def _plots(panels: Panels, *, is_tracked: bool) -> rrb.Container:
     """Speeds and numbers of objects, warnings and skew in tabs; beside them what the colours mean."""
     hidden = rrb.PlotLegend(visible=False)  # it would cover the curves
     counts = ["$origin/objects", "$origin/confirmed"]
@@ -136,7 +136,7 @@ def _plots(panels: Panels) -> rrb.Container:
     skew = rrb.TimeSeriesView(name=SKEW_TITLE, origin="metrics", contents="$origin/skew_ms", plot_legend=hidden)
     columns = rrb.TextLogColumns(timeline_columns=["frame"], text_log_columns=["loglevel", "body"])
     log = rrb.TextLogView(name="Warnings", origin=LOG, columns=columns)
-    plots = rrb.Tabs(speeds, objects, log, skew, active_tab=0)
+    plots = rrb.Tabs(*[speeds] * is_tracked, objects, log, skew, active_tab=0)
     bounds = rrb.VisualBounds2D(x_range=[0.0, 2.0], y_range=[0.0, 1.2])
     legend = rrb.Spatial2DView(name="Colours", origin=LEGEND, background=BACKGROUND, visual_bounds=bounds)
     shares = [_PLOTS_SHARE, 1 - _PLOTS_SHARE]

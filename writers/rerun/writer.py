@@ -119,7 +119,7 @@ class RerunResultWriter(ResultWriter):
         if self._first is not None:
             viewpoint = self._viewpoint or self._place_eye()
             if self._output is not None:  # all objects are known now, and in view from above
-                self._recording.send_blueprint(blueprint(self._survey, viewpoint))
+                self._send_blueprint(viewpoint)
             self._send_figures()
         self._log_warnings()
         self._log_truth(self._truth_times.rest(), is_last=True)
@@ -140,7 +140,7 @@ class RerunResultWriter(ResultWriter):
         if self._viewpoint is None and (self._survey.is_complete or self._output is None):  # who looks on does not wait
             viewpoint = self._place_eye()
             if self._output is None:
-                self._recording.send_blueprint(blueprint(self._survey, viewpoint))
+                self._send_blueprint(viewpoint)
         if result.bundle.motion is not None:
             self._fixed_frame_id = result.bundle.motion.fixed_frame_id
         self._log_truth(self._truth_times.add_frame(result.bundle))
@@ -231,6 +231,10 @@ class RerunResultWriter(ResultWriter):
             static.log(camera_path(camera), pose, pinhole, no_axes, static=True)
         self._objects.log_zones()
         return viewpoint
+
+    def _send_blueprint(self, viewpoint: Viewpoint) -> None:
+        is_tracked = self._config.track.mode != "none"
+        self._recording.send_blueprint(blueprint(self._survey, viewpoint, is_tracked=is_tracked))
 
     def _log_static(self) -> None:
         context = [

@@ -40,5 +40,8 @@ IMAGE = "Spatial2DView c0"
 )
 def test_the_layout_follows_the_images(sizes_px: list[tuple[int, int]], expected: list[str]) -> None:
     survey = SceneSurvey(rig(*sizes_px))
-    found = parts(blueprint(survey, place_eye(survey)).root_container)
+    found = parts(blueprint(survey, place_eye(survey), is_tracked=True).root_container)
     assert found[: len(expected)] == expected
+    found = parts(blueprint(survey, place_eye(survey), is_tracked=False).root_container)
+    without_speeds = [part for part in expected if part != CURVES[0]]
+    assert found[: len(without_speeds)] == without_speeds
