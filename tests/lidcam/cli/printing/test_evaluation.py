@@ -120,8 +120,8 @@ def test_the_headline(lidar: list[Place], fused: list[Place], count: int, told: 
     ],
 )
 def test_a_rare_class_makes_no_headline(vans: int, count: int, told: str) -> None:
-    both, cars = {"lidar": [CAR_AT, VAN_AT], "truth": [CAR_AT, VAN_AT]}, {"lidar": [CAR_AT], "truth": [CAR_AT]}
-    seen = [frames(**(both if k < vans else cars), fused=[CAR_AT], cameras=[], count=count)[k] for k in range(count)]
+    there = [[CAR_AT, VAN_AT] if k < vans else [CAR_AT] for k in range(count)]
+    seen = [frames(lidar=all_, truth=all_, fused=[CAR_AT], cameras=[], count=count)[k] for k, all_ in enumerate(there)]
     assert [line for line in printed(seen).splitlines() if line.startswith("Fusion")] == [told] * bool(told)
 
 
