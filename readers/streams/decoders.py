@@ -23,6 +23,9 @@ from lidcam.readers.velodyne.scan import PACKET_BYTES, SCAN
 T = TypeVar("T")
 OnBadMessage = Literal["skip", "fail"]
 
+MAX_OTHER_SIZE = 0.02
+"""Largest difference between an image's size and that of its calibration, as a share: data sets trim single images."""
+
 POINTS_PER_PACKET = 384
 """Points of a Velodyne packet at most: twelve blocks of 32."""
 
@@ -86,16 +89,23 @@ class ImageDecoder:
     def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
         self._limits = config.limits
         self._topics = {camera.name: camera.topic for camera in rig.cameras if camera.topic}
+        self._sizes_px = {one.topic: (one.model.width_px, one.model.height_px) for one in rig.cameras}
         self._on_bad = on_bad
 
     def __call__(self, bundle: SensorBundle) -> Decoded[Image]:
-        """Images by camera name."""
+        """Images by camera name; those of another size than the calibration are dropped."""
         pixels = 0
 
         def decode_one(message: RawMessage) -> Image:
             nonlocal pixels
             image = decode_any_image(message, limits=self._limits, others=pixels)
-            pixels += image.rgb.shape[0] * image.rgb.shape[1]
+            (height, width, _), size = image.rgb.shape, self._sizes_px[message.topic]
+            pixels += height * width
+            if any(abs(px - said) > MAX_OTHER_SIZE * said for px, said in zip((width, height), size, strict=True)):
+                raise MessageError(
+                    f"{message.topic}: an image of {width} x {height} px, expected {size[0]} x {size[1]} px, as of "
+                    "its calibration: split the recording where the size changes"
+                )
             return image
 
         return _decode(bundle, self._topics, decode_one, self._on_bad)

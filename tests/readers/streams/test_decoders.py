@@ -5,9 +5,10 @@ from velodyne import random_packets, scan
 
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.errors import MessageError
-from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.frame import Decoded, SensorBundle
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
@@ -143,13 +144,32 @@ def test_the_clouds_of_a_frame_share_a_limit(monkeypatch: pytest.MonkeyPatch) ->
         CloudDecoder(lidars(2), config, on_bad="fail")(clouds(40, 30))
 
 
+def decoded_images(sizes_px: list[tuple[int, int]], calibrated_px: list[tuple[int, int]]) -> Decoded[Image]:
+    """Images (width, height) of cameras c0, c1 and so on."""
+    models = [CameraModel("c", *size, np.diag([500.0, 500, 1]), "plumb_bob", np.zeros(5)) for size in calibrated_px]
+    pose = Transform.identity("c", "site")
+    cameras = tuple(CameraSensor(f"c{i}", f"/c{i}", "", model, pose) for i, model in enumerate(models))
+    images = [image(np.zeros((height, width, 3), np.uint8), stamp_ns=1) for width, height in sizes_px]
+    messages = {f"/c{i}": raw(f"/c{i}", "sensor_msgs/msg/Image", one, 1) for i, one in enumerate(images)}
+    return ImageDecoder(Rig("site", (), cameras, ()), Config(), on_bad="skip")(SensorBundle(0, 1, 1, messages))
+
+
+def test_images_of_another_size_than_the_calibration_are_dropped() -> None:
+    found = decoded_images(
+        [(1242, 375), (1224, 370), (621, 188), (1242, 360)], [(1242, 375)] * 4
+    )  # the second: KITTI's
+    assert [*found] == ["c0", "c1"]
+    assert [drop.detail for drop in found.drops] == [
+        f"{topic}: an image of {size} px, expected 1242 x 375 px, as of its calibration: split the recording where the "
+        "size changes"
+        for topic, size in (("/c2", "621 x 188"), ("/c3", "1242 x 360"))
+    ]
+
+
 def test_the_images_of_a_frame_share_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(DEFAULT_LIMITS, RecordingLimits(max_frame_mpx=1e-4))
-    model = CameraModel("c", 10, 10, np.eye(3), "plumb_bob", np.zeros(5))
-    cameras = tuple(CameraSensor(f"c{i}", f"/c{i}", "", model, Transform.identity("c", "site")) for i in range(3))
-    images = [image(np.zeros((height, 10, 3), np.uint8), stamp_ns=1) for height in (8, 9, 2)]
-    messages = {f"/c{i}": raw(f"/c{i}", "sensor_msgs/msg/Image", one, 1) for i, one in enumerate(images)}
-    found = ImageDecoder(Rig("site", (), cameras, ()), Config(), on_bad="skip")(SensorBundle(0, 1, 1, messages))
+    sizes_px = [(10, 8), (10, 9), (10, 2)]
+    found = decoded_images(sizes_px, sizes_px)
     assert [*found] == ["c0", "c2"]
     (drop,) = found.drops
     assert drop.detail == (
