@@ -11,8 +11,8 @@ from lidcam.pipeline.core.geometry.poses import interpolate_poses
 MAX_EXTRAPOLATION_NS = 200_000_000
 """Longest time before the first or after the last known pose in which the motion counts as known."""
 
-MAX_GAP_NS = 1_000_000_000
-"""Longest time between two poses over which the motion counts as known."""
+MAX_GAP_NS = 1_500_000_000
+"""Longest time between two poses over which the motion counts as known: poses at 1 Hz are not exactly 1 s apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

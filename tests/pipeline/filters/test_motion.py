@@ -77,11 +77,11 @@ def test_moves_each_point_as_its_own_pose_does(offset_us: list[int], yaw_rate: f
         ((0, 100), (-200, 300), True),
         ((0, 100), (-201, 100), False),
         ((0, 100), (0, 301), False),
-        ((0, 100, 1100), (120, 500), True),
-        ((0, 100, 1101), (120, 500), False),  # a gap of 1001 ms
-        ((0, 1001), (240, 240), False),
-        ((0, 1001), (0, 0), True),
-        ((0, 1001, 1101), (1020, 1060), True),
+        ((0, 100, 1600), (120, 500), True),
+        ((0, 100, 1601), (120, 500), False),  # a gap of 1501 ms
+        ((0, 1501), (240, 240), False),
+        ((0, 1501), (0, 0), True),
+        ((0, 1501, 1601), (1520, 1560), True),
     ],
 )
 def test_covers(stamps_ms: tuple[int, ...], span_ms: tuple[int, int], expected: bool) -> None:
