@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -34,6 +34,9 @@ MAX_MOTION_DELAY_NS = 1_000_000_000
 
 MAX_MOTION_BYTES = 256 << 20
 """Maximum size of the messages of frames that wait for it, but for those of one frame."""
+
+REPEATED = "recorded twice"
+"""Reason of drops of messages that equal the one before them, byte by byte."""
 
 NOT_EVERY = "of a frame that sync.every leaves out"
 """Reason of drops that the user asked for."""
@@ -141,7 +144,7 @@ def _bundles(
         video.look_back(recording, window.start_ns)
 
     numbers = itertools.count()
-    for part in clocks.parts(video.decoded(messages)):
+    for part in clocks.parts(video.decoded(_once(messages, topics, drops))):
         found = _every(synchronized(motion.tap(part)), config.sync.every, numbers, drops)
         found = video.without_blanks(found, on_drop=drops.count_drop, on_bad=drops.count_bad)
         yield from found if source.motion is None else _with_motion(found, motion)
@@ -179,10 +182,27 @@ def synchronize_stamps(
     source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks, messages: Iterable[RawMessage]
 ) -> None:
     """Synchronise messages as a run does, by their stamps alone: nothing is decoded."""
-    topics, synchronized = {*synchronized_topics(source.config, source.rig)}, _synchronizer(source, drops, stats)
-    stamped = (message._replace(data=b"") for message in messages if message.topic in topics)
+    topics, synchronized = synchronized_topics(source.config, source.rig), _synchronizer(source, drops, stats)
+    used = (message for message in messages if message.topic in topics)
+    stamped = (message._replace(data=b"") for message in _once(used, topics, drops))
     for part in clocks.parts(stamped):
         deque(synchronized(part), maxlen=0)
+
+
+def _once(messages: Iterable[RawMessage], topics: Collection[str], drops: DropTable) -> Iterator[RawMessage]:
+    """Messages without those of `topics` that equal the one before them, as of two recorders, or of two publishers.
+
+    A stamp of 0 says nothing: messages without boxes are alike.
+    """
+    last: dict[str, RawMessage] = {}
+    for message in messages:
+        before = last.get(message.topic)
+        if before and before.stamp_ns == message.stamp_ns != 0 and before.data == message.data:
+            drops.count_drop(Drop(message.topic, message.stamp_ns, REPEATED))
+            continue
+        if message.topic in topics:
+            last[message.topic] = message
+        yield message
 
 
 def missing_from_frames(source: RunInput, stats: SyncStats) -> list[MissingSensor]:

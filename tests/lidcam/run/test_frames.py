@@ -1,3 +1,4 @@
+from collections import deque
 from itertools import count
 
 import pytest
@@ -5,11 +6,13 @@ from memory_recording import MemoryRecording
 from small_drive import STEP_NS, small_drive
 
 from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.stages.sync.clocks import Clocks
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.readers.rig.discovery import discover_rig
 from lidcam.readers.streams.motion import find_motion_source
-from lidcam.run.frames import RunInput, _every, bundles, sensor_clocks
+from lidcam.run.frames import RunInput, _every, bundles, sensor_clocks, synchronize_stamps
 from lidcam.run.tally import DropTable
 
 
@@ -32,12 +35,32 @@ def test_frames_wait_for_odometry_that_is_recorded_late(
     messages = [
         one._replace(log_time_ns=one.log_time_ns + late_ns * (one.topic == "/odom")) for one in small_drive(frames=30)
     ]
+    covered = [
+        bundle.motion is not None and bundle.motion.covers(bundle.stamp_ns, bundle.stamp_ns + STEP_NS)
+        for bundle in bundles(*run_of(messages))
+    ]
+    assert sum(covered) == known
+
+
+def run_of(messages: list[RawMessage]) -> tuple[RunInput, DropTable, SyncStats, Clocks]:
     recording, config = MemoryRecording(sorted(messages, key=lambda one: one.log_time_ns)), Config()
     found = discover_rig(recording, config)
     motion, drops = find_motion_source(recording, found.rig, found.transforms, config), DropTable("skip")
-    source, clocks = RunInput(recording, found.rig, config, motion), sensor_clocks(found.rig, motion, drops)
-    covered = [
-        bundle.motion is not None and bundle.motion.covers(bundle.stamp_ns, bundle.stamp_ns + STEP_NS)
-        for bundle in bundles(source, drops, SyncStats(), clocks)
+    source = RunInput(recording, found.rig, config, motion)
+    return source, drops, SyncStats(), sensor_clocks(found.rig, motion, drops)
+
+
+@pytest.mark.parametrize("by_stamps", [False, True])
+@pytest.mark.parametrize("late_ms", [0, 3, 40])
+def test_messages_that_were_recorded_twice_count_once(late_ms: int, by_stamps: bool) -> None:
+    once = small_drive(frames=30)
+    again = [one._replace(log_time_ns=one.log_time_ns + late_ms * 1_000_000, order=(1, *one.order)) for one in once]
+    source, drops, stats, clocks = run_of(once + again)
+    if by_stamps:
+        synchronize_stamps(source, drops, stats, clocks, source.recording.messages())
+    else:
+        deque(bundles(source, drops, stats, clocks), maxlen=0)
+    assert stats.sets == 30
+    assert [(row.topic, row.reason, row.count) for row in drops.rows] == [
+        (topic, "recorded twice", 30) for topic in ("/cam/image_raw", "/points")
     ]
-    assert sum(covered) == known
