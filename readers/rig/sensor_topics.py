@@ -173,7 +173,7 @@ def find_camera_topics(
 ) -> list[CameraTopics]:
     """Cameras, in natural order or as configured; those with boxes but no images come last.
 
-    Images of the rig file (`of_rig`) were made of no others, and its boxes need no images.
+    Images of the rig file (`of_rig`) were made of no others.
     """
     notes = findings.notes
     calibrations = sorted(readable_topics(recording, CAMERA_INFO), key=natural_key)
@@ -206,18 +206,11 @@ def find_camera_topics(
             notes.append(f"{topic}: {boxes_of[camera]} already has the boxes of {camera}, not used")
         elif topic in only_boxes_allowed:
             alone.append(topic)
-    single = len(images) + len(alone) == 1
-    cameras = [
-        CameraTopics(topic, _best(topic, calibrations, frames, single=single), boxes_of.get(topic, ""))
-        for topic in images
+    cameras = [(topic, boxes_of.get(topic, "")) for topic in images] + [("", topic) for topic in alone]
+    return [
+        CameraTopics(image, _best(image or boxes, calibrations, frames, single=len(cameras) == 1), boxes)
+        for image, boxes in cameras
     ]
-    for topic in alone:
-        if info := _best(topic, calibrations, frames, single=single):
-            cameras.append(CameraTopics("", info, topic))
-        elif topic not in of_rig:
-            remedy = "give it as boxes_topic of a camera with K in a rig file (--rig)"
-            notes.append(f"{topic}: boxes of a camera without images and without CameraInfo, not used; {remedy}")
-    return cameras
 
 
 def topics_with_messages(recording: Recording, msgtypes: frozenset[str], config: TopicsConfig) -> list[TopicInfo]:

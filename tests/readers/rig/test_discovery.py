@@ -354,12 +354,14 @@ def test_boxes_alone_make_a_camera() -> None:
     boxes = boxes_2d("/cam11/detections", "cam"), boxes_2d("/other/detections", "")
     found = rig_with(*boxes, info("/cam11/camera_info", "cam"))
     assert [(c.name, c.topic, c.boxes_topic) for c in found.rig.cameras] == [("cam11", "", "/cam11/detections")]
-    assert any("/other/detections" in note for note in found.notes)
+    fault = "the recording has no CameraInfo of it: give its K in a rig file (--rig; inspect --write-rig drafts one)"
+    assert [(one.topic, one.reason) for one in found.faults] == [("/other/detections", fault)]
     size = {"width_px": 64, "height_px": 48}
     camera = {"boxes_topic": "/other/detections", **size, "K": np.reshape(K, (3, 3)).tolist()}
     known = {"site_frame": "a", "cameras": {"other": {**camera, "translation_m": [0, 0, 1], "rpy_deg": [0, 0, 0]}}}
     found = discover_rig(MemoryRecording([A, *boxes]), Config(), RigFile.model_validate(known))
     assert [(c.name, c.boxes_topic) for c in found.rig.cameras] == [("other", "/other/detections")]
+    assert not found.faults
     assert not any("/other/detections" in note for note in found.notes)
 
 
