@@ -32,6 +32,7 @@ from lidcam.readers.input_file import InputFile, InputFiles, read_input_file
 from lidcam.readers.open import open_recording
 from lidcam.readers.recording import ReadOptions
 from lidcam.readers.rig.discovery import Discovery, discover_rig
+from lidcam.readers.rig.sensor_topics import faults_told
 from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.run.box_sources import KnownBoxes, box_source, boxes_2d_words, check_box_source, engine_3d
 from lidcam.run.build import build_graph, decided, shared_results
@@ -148,8 +149,8 @@ def opened(job: Job) -> Iterator["Run"]:
         found = discover(job.rig)
         if level := level_site(recording, job.config, job.rig, found):
             found = level.told(discover(level.rig_file))
-        for fault in found.faults:
-            logger.warning("%s is left out: %s", fault.sensor, fault.reason)
+        for subjects, reason in faults_told(found.faults):
+            logger.warning("left out: %s: %s", subjects, reason)
         for sensor in found.sources:
             logger.info("%s: %s, calibration: %s %s", sensor.sensor, sensor.topic, sensor.intrinsics, sensor.extrinsics)
         motion, found = find_motion(recording, job.config, found)

@@ -67,6 +67,9 @@ MAX_STILL_CHANGE = 1e-6
 MAX_TF_BYTES = 64 << 20
 """Size of /tf_static, and of the part of /tf, that are read: hours of a vehicle's fixed frames at ten hertz."""
 
+MAX_MOVING_NAMED = 3
+"""Largest number of moving frames that an error names, if none of them is what is looked up."""
+
 NUMBERS = Struct("<7d")
 """Translation, and rotation x, y, z, w."""
 
@@ -96,7 +99,8 @@ class RecordedTransforms:
         except FrameError as err:
             reasons = [f"{frame}: {self.faults[frame]}" for frame in sorted(self.faults)]
             ends = {self.fixed.root(src), self.fixed.root(dst)}
-            reasons += [f"{frame} moves in {self.moving[frame]}" for frame in sorted(ends & set(self.moving))]
+            frames = sorted(ends & set(self.moving)) or sorted(self.moving)[:MAX_MOVING_NAMED]
+            reasons += [f"{frame} moves in {self.moving[frame]}" for frame in frames]
             raise FrameError("; ".join([str(err), *reasons])) from err
 
     def are_joined(self, frame: str, other: str) -> bool:

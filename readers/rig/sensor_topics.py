@@ -9,6 +9,7 @@ frame; among several by frame, then by the longest common beginning, then in ord
 single camera.
 """
 
+import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
@@ -70,6 +71,18 @@ class SensorFault:
     def subject(self) -> str:
         """Name, with the topic if that is known."""
         return f"{self.sensor} ({self.topic})" if self.topic else self.sensor
+
+
+def faults_told(faults: Iterable[SensorFault]) -> list[tuple[str, str]]:
+    """Subjects and reason; those whose reasons differ in names in quotes alone follow the first one together."""
+    alike: dict[str, list[SensorFault]] = {}
+    for fault in faults:
+        alike.setdefault(re.sub("'[^']*'", "", fault.reason), []).append(fault)
+    told = []
+    for first, *others in alike.values():
+        told.append((first.subject, first.reason))
+        told += [(", ".join(other.subject for other in others), "likewise")] if others else []
+    return told
 
 
 @dataclass(frozen=True, slots=True)

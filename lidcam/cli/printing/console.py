@@ -17,7 +17,7 @@ from lidcam.pipeline.core.settings.engines import ENGINES
 from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
 from lidcam.readers.messages.tf import TF_TYPES
 from lidcam.readers.recording import Loss
-from lidcam.readers.rig.sensor_topics import CAMERA_INFO, SensorFault
+from lidcam.readers.rig.sensor_topics import CAMERA_INFO, SensorFault, faults_told
 from lidcam.readers.streams.survey import TopicSurvey
 from lidcam.run.summary import loss_records
 from lidcam.run.warning import RunWarning
@@ -200,8 +200,8 @@ def print_losses(out: Console, losses: Sequence[Loss]) -> None:
 
 def print_remarks(out: Console, faults: Sequence[SensorFault], notes: Sequence[str]) -> None:
     """Print the sensors that were left out, and the notes."""
-    for fault in faults:
-        show_line(out, f"left out: {fault.subject}: {fault.reason}")
+    for subjects, reason in faults_told(faults):
+        show_line(out, f"left out: {subjects}: {reason}")
     for note in notes:
         show_line(out, f"note: {note}")
 

@@ -44,7 +44,7 @@ class TransformTree:
         common = next((frame for frame in up_src if frame in up_dst), None)
         if common is None:
             known = ", ".join(sorted(self.frames)) or "none at all"
-            raise FrameError(f"no transform joins frame {src!r} with {dst!r}; frames with a transform: {known}")
+            raise FrameError(f"no transform joins frame {src!r} with {dst!r}; frames with a fixed transform: {known}")
         return self._climb(dst, common).inverse() @ self._climb(src, common)
 
     def chain(self, frame: str) -> list[str]:

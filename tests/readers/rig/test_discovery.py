@@ -14,6 +14,7 @@ from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.rig.discovery import Discovery, discover_rig
 from lidcam.readers.rig.schema import RigFile
+from lidcam.readers.rig.sensor_topics import SensorFault, faults_told
 from lidcam.readers.rig.undecoded import UNDECODED
 
 OPTICAL = (-0.5, 0.5, -0.5, 0.5)  # REP 103: optical axes in a body frame
@@ -59,8 +60,8 @@ def test_the_site_of_one_lidar(edges: list[Any], frame: str, site: str, position
 A, B, C = (cloud(f"/{name}_points", name) for name in "abc")
 
 
-def moving(i: int) -> RawMessage:
-    edge = transform_stamped("site", "a", stamp_ns=i, translation=(i, 0, 0))
+def moving(i: int, frame: str = "a") -> RawMessage:
+    edge = transform_stamped("site", frame, stamp_ns=i, translation=(i, 0, 0))
     return raw("/tf", "tf2_msgs/msg/TFMessage", tf_message([edge]), i)
 
 
@@ -83,6 +84,7 @@ CUT = A._replace(data=bytes(A.data)[:30])
         ([A], "no transform joins frame 'a' with 'site'"),
         ([A], "; give its pose in a rig file (--rig), or --set 'topics.exclude=[TOPIC]'"),
         ([*map(moving, range(3)), A], "a moves in site"),
+        ([*(moving(i, "car") for i in range(3)), A], "frames with a fixed transform: b, c, site; car moves in site"),
         ([static(("a", "x", (0, 0, 0)), ("x", "a", (0, 0, 0))), A], "circle"),
         ([CUT], "none of its first 1 messages can be decoded"),
         ([CUT, A, static(("site", "a", (1, 0, 0)))], ""),
@@ -92,6 +94,17 @@ def test_a_lidar_that_cannot_be_used_is_a_fault(messages: list[RawMessage], word
     found = discover([static(("site", "b", (1, 0, 0)), ("site", "c", (0, 1, 0))), B, C, *messages])
     assert [lidar.name for lidar in found.rig.lidars] == (["b", "c"] if words else ["a", "b", "c"])
     assert words in reasons(found).get("a", "")
+
+
+def test_faults_that_differ_in_names_alone_are_told_once() -> None:
+    told = "no transform joins frame 'a' with 'x'", "no transform joins frame 'a' with 'y'", "no K", "'' is no K"
+    faults = [SensorFault(f"cam{i}", "/cam" * (i == 1), reason) for i, reason in enumerate([*told, told[1]])]
+    assert faults_told(faults) == [
+        ("cam0", told[0]),
+        ("cam1 (/cam), cam4", "likewise"),
+        ("cam2", told[2]),
+        ("cam3", told[3]),
+    ]
 
 
 PANDAR = Channel("/hesai/packets", "pandar_msgs/msg/PandarScan", "cdr", "", "ros2msg")

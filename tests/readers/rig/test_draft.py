@@ -66,7 +66,7 @@ lidars:
     topic: /velodyne2_points # sensor_msgs/msg/PointCloud2, 1 points in the first message
     frame_id: velodyne2
     T_site_lidar: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
-'velodyne2' with 'velodyne1'; frames with a transform: none at all; name \
+'velodyne2' with 'velodyne1'; frames with a fixed transform: none at all; name \
 the file with /tf_static beside this one, give its pose in a rig file (--rig), or --set 'topics.exclude=[TOPIC]')
 cameras:
   cam11:
@@ -86,7 +86,7 @@ frame: give its pose in a rig file (--rig))
     K: TODO # TODO 3 x 3, pixels; then distortion_model and distortion (the recording has no CameraInfo of it: give \
 its K in a rig file (--rig; inspect --write-rig drafts one))
     T_camera_site: TODO # TODO 4 x 4, metres; or translation_m and rpy_deg in its place (no transform joins frame \
-'velodyne1' with 'camera_12'; frames with a transform: none at all; name \
+'velodyne1' with 'camera_12'; frames with a fixed transform: none at all; name \
 the file with /tf_static beside this one, give its pose in a rig file (--rig), or --set 'topics.exclude=[TOPIC]')
 zones: {}
 """
