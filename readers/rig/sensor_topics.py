@@ -11,17 +11,20 @@ single camera.
 
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from itertools import islice, pairwise
 from statistics import median
 from typing import NamedTuple
 
+from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.geometry.transform_tree import TransformTree
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits, TopicsConfig
 from lidcam.readers.messages.compressed_cloud import COMPRESSED_CLOUDS
+from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.messages.registry import types_of
-from lidcam.readers.messages.tf import RecordedTransforms
+from lidcam.readers.messages.tf import RecordedTransforms, clean_frame
 from lidcam.readers.natural_order import natural_key
 from lidcam.readers.recording import Recording, TopicInfo
 from lidcam.readers.rig.derived.clouds import (
@@ -52,6 +55,9 @@ OPTICAL = "optical", "optical_frame"
 
 MANY = 10
 """Messages of a topic, beside which a single one of another topic is no sensor's."""
+
+COMPARED_FRAMES = 4
+"""Messages at the start of a topic of clouds whose frames are compared."""
 
 MAX_RATE_HZ = 40.0
 """Maximum rate of whole sweeps; lidars turn up to 30 times per second."""
@@ -146,6 +152,7 @@ def find_lidar_topics(
         if info.gathered_from
     ]
     notes += filter(None, (_piece_note(recording, info) for info in infos))
+    notes += filter(None, (_frames_note(recording, info) for info in infos))
     excluded = config.exclude
     others = (one for one in recording.topics if not any(fnmatchcase(one.topic, name) for name in excluded))
     notes += undecoded(recording, others)
@@ -172,6 +179,22 @@ def _piece_note(recording: Recording, info: TopicInfo) -> str:
     return (
         f"{info.topic}: {1 / period_s:.0f} clouds per second, so each is a piece of a sweep; objects are found in "
         "whole sweeps: let the driver publish 10 or 20 per second"
+    )
+
+
+def _frames_note(recording: Recording, info: TopicInfo) -> str:
+    """The note on clouds of several lidars on one topic, by the frames of the first few; empty if they have one."""
+    frames: dict[str, None] = {}
+    for message in islice(recording.messages([info.topic]), COMPARED_FRAMES):
+        if message.channel.msgtype == "sensor_msgs/msg/PointCloud2":
+            with suppress(MessageError):
+                frames[clean_frame(deserialize(message).header.frame_id)] = None
+    frames.pop("", None)
+    return (
+        f"{info.topic}: its clouds are in the frames {', '.join(frames)}, but all get the pose of one lidar: record "
+        "each lidar on a topic of its own"
+        if len(frames) > 1
+        else ""
     )
 
 

@@ -107,6 +107,16 @@ def test_faults_that_differ_in_names_alone_are_told_once() -> None:
     ]
 
 
+@pytest.mark.parametrize(("frame", "is_told"), [("right", True), ("/left", False), ("", False)])
+def test_lidars_that_share_a_topic_are_told(frame: str, is_told: bool) -> None:
+    found = discover([cloud("/points", "left"), cloud("/points", frame), cloud("/points", "left")])
+    words = (
+        "/points: its clouds are in the frames left, right, but all get the pose of one lidar: record each lidar on a "
+        "topic of its own"
+    )
+    assert found.notes == ((words,) if is_told else ())
+
+
 PANDAR = Channel("/hesai/packets", "pandar_msgs/msg/PandarScan", "cdr", "", "ros2msg")
 
 
