@@ -64,6 +64,9 @@ BEGINNING_NS = 2_000_000_000
 MAX_STILL_CHANGE = 1e-6
 """Largest change of a matrix entry (metres, or roughly radians) of a fixed frame."""
 
+MAX_ROUNDED = 1e-3
+"""Largest change of a matrix entry between two transforms of tf_static that are meant to be the same."""
+
 MAX_TF_BYTES = 64 << 20
 """Size of /tf_static, and of the part of /tf, that are read: hours of a vehicle's fixed frames at ten hertz."""
 
@@ -85,6 +88,7 @@ class RecordedTransforms:
     moving: Mapping[str, str] = field(default_factory=dict)  # Parent by child, for frames that move
     # Fault of a frame's recorded transform, by child; such transforms are not used
     faults: Mapping[str, str] = field(default_factory=dict)
+    changed: frozenset[str] = frozenset()  # Frames of tf_static that are in several places, or have several parents
     # The first message of each topic that could not be decoded, and how many there were
     drops: tuple[tuple[Drop, int], ...] = ()
 
@@ -183,14 +187,18 @@ def read_transforms(
     fixed = TransformTree()
     faults: dict[str, str] = {}
     drops: dict[str, tuple[Drop, int]] = {}
+    sent: dict[str, Transform] = {}
     seen: dict[str, Transform] = {}
     moving: dict[str, str] = {}
-    names: set[str] = set()
+    names, changed = set[str](), set[str]()
     for message, transform, child in _transforms(recording.messages(static) if static else (), drops, names, limits):
-        if isinstance(transform, Transform):
-            fixed.add_static(transform)
-        else:
+        if not isinstance(transform, Transform):
             faults[child] = f"{transform} ({message.topic})"
+            continue
+        before, sent[child] = sent.get(child, transform), transform
+        if before.dst != transform.dst or np.abs(before.matrix - transform.matrix).max() > MAX_ROUNDED:
+            changed.add(child)
+        fixed.add_static(transform)
 
     def may_tell(parent: str, child: str) -> bool:
         """Whether a transform may say more than that its frame moves."""
@@ -209,7 +217,7 @@ def read_transforms(
         if child not in moving:
             fixed.add_static(transform)
     known = {child: reason for child, reason in faults.items() if not fixed.is_static(child)}
-    return RecordedTransforms(fixed, moving, known, tuple(drops.values()))
+    return RecordedTransforms(fixed, moving, known, frozenset(changed), tuple(drops.values()))
 
 
 def _beginnings(

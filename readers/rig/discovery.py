@@ -117,10 +117,21 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
             *of_detectors,
             *(sources[camera.name] for camera in rig.cameras),
         ),
-        (*(note for one in findings for note in one.notes), *of_clocks),
+        (*(note for one in findings for note in one.notes), *_notes_of_tf(found), *of_clocks),
         found.transforms,
         usual_ns,
     )
+
+
+def _notes_of_tf(found: FoundSensors) -> list[str]:
+    changed = sorted(found.transforms.changed - found.of_rig)
+    if not changed:
+        return []
+    more = f" and {len(changed) - MAX_LISTED} more" if len(changed) > MAX_LISTED else ""
+    return [
+        f"tf_static gives several poses of {', '.join(changed[:MAX_LISTED])}{more}: the last recorded one is used for "
+        "the whole recording; if it is another one, give it in a rig file (transforms)"
+    ]
 
 
 def _with_own_frames(rig: Rig, notes: list[str]) -> Rig:

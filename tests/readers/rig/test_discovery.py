@@ -107,6 +107,24 @@ def test_faults_that_differ_in_names_alone_are_told_once() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("later", "is_told"),
+    [
+        (("site", "a", (1, 0, 0)), False),
+        (("site", "a", (5, 0, 0)), True),
+        (("mast", "a", (1, 0, 0)), True),
+        (("site", "b", (1, 0, 0)), False),
+    ],
+)
+def test_a_pose_that_changes_is_told(later: Any, is_told: bool) -> None:
+    found = discover([static(("site", "a", (1, 0, 0))), A, static(later)])
+    note = (
+        "tf_static gives several poses of a: the last recorded one is used for the whole recording; if it is another "
+        "one, give it in a rig file (transforms)"
+    )
+    assert found.notes == ((note,) if is_told else ())
+
+
 @pytest.mark.parametrize(("frame", "is_told"), [("right", True), ("/left", False), ("", False)])
 def test_lidars_that_share_a_topic_are_told(frame: str, is_told: bool) -> None:
     found = discover([cloud("/points", "left"), cloud("/points", frame), cloud("/points", "left")])
