@@ -150,7 +150,7 @@ __version__ = version("lidcam")
 def sample() -> Path:
     """The sample recording that comes with lidcam: 2 s of a model crossing, three lidars and eight cameras, simulated.
 
-    It is read where it stands; outputs go elsewhere.
+    Read it in place, and write outputs elsewhere.
     """
     return SAMPLE
 
@@ -197,7 +197,7 @@ def _progress_bar(stack: ExitStack) -> RunObserver:
 def iter_frames(
     recording: PathOrUrl | Sequence[PathOrUrl], **options: Unpack[JobOptions]
 ) -> Generator[Frame, None, None]:
-    """The frames of a recording, one by one, without writing anything.
+    """Process a recording frame by frame, without writing anything.
 
     With offline tracks (`track.mode`) the first frame comes once `track.window_s` of the recording have been read.
     Leaving the loop closes the recording.
@@ -249,11 +249,11 @@ def batch(
         **options: Those of [`SharedOptions`][lidcam.api.SharedOptions].
 
     Returns:
-        What became of each recording; the same is in the table `_jobs.parquet` of the folder.
+        The record of each recording, as in the table `_jobs.parquet` of the folder.
 
     Raises:
-        LidcamError: the settings, the rig or the folder are at fault, or there are no recordings. What is wrong with a
-            recording is in its record.
+        LidcamError: the settings, the rig or the folder are at fault, or there are no recordings. Errors of a recording
+            are in its record.
     """
     from lidcam.batches.run import WatchBatch, not_watched, process_batch  # with pyarrow
 
@@ -285,7 +285,7 @@ def inspect(
     settings: Settings = (),
     rig: RigSource | None = None,
 ) -> Inspection:
-    """The contents of a recording, and what lidcam would use of them.
+    """Show the contents of a recording and what lidcam would use.
 
     Args:
         recording: Path or URL; several for a recording that was split, in their order.
@@ -303,7 +303,7 @@ def inspect(
 
 
 def load(result: FilePath) -> RunResult:
-    """A run, read back from the .mcap file that it wrote: the same objects, and the summary but for times of the clock.
+    """A run, read back from its .mcap file: the same objects, and the summary except for wall-clock times.
 
     Raises:
         RecordingError: it cannot be read, or is no result of lidcam.
@@ -368,7 +368,7 @@ def compare(
         The differences; `failures` lists what differs more than is allowed.
 
     Raises:
-        LidcamError: a result cannot be read, they are of two sites, or a name is at fault.
+        LidcamError: a result cannot be read, the results have different site frames, or a name is unknown.
     """
     found = compare_results(
         Path(first), Path(second), only=only, allow=allow, max_different_percent=max_different_percent
@@ -404,7 +404,7 @@ def export(
         Number of frames and objects, and what was left out and why.
 
     Raises:
-        LidcamError: a result cannot be read or has not what the format needs, or the folder cannot be written.
+        LidcamError: a result cannot be read or lacks what the format needs, or the folder cannot be written.
     """
     if every < 1:
         raise ConfigError(f"every: expected 1 or more, found {every}")
@@ -421,7 +421,7 @@ def report(result: FilePath, output: FilePath | None = None, *, overwrite: bool 
     Args:
         result: The .mcap file that a run wrote.
         output: The page. Default: beside the result, with the ending .html.
-        overwrite: Overwrite a file that is no such page (never the result).
+        overwrite: Overwrite files that lidcam did not write (never the result).
 
     Returns:
         The page.
@@ -458,7 +458,7 @@ def simulate(
         family: Family of worlds that `random` draws from. Default: road.
         errors: Sensors with small errors, or none. Default: errors for `random` only.
         settings: Single values of the scenario by key: `{"lidars.*.firing_stride": 4}`.
-        overwrite: Overwrite a file that is no simulated recording.
+        overwrite: Overwrite files that are not simulated recordings.
         workers: Sensors simulated at once; does not change the recording. Default: one per core.
 
     Returns:
@@ -485,7 +485,7 @@ def simulate(
 
 
 def fetch(name: NetworkName) -> Path:
-    """Download a 2D network from its publisher, once; later calls give the file that is there.
+    """Download a 2D network from its publisher, once; later calls return that file.
 
     From then on it runs by default in recordings with images and no 2D boxes. Its licence is Apache-2.0.
 
@@ -496,7 +496,7 @@ def fetch(name: NetworkName) -> Path:
         The ONNX file, in your data folder.
 
     Raises:
-        ModelError: the name is unknown, or the server cannot be reached or gives another file.
+        ModelError: the name is unknown, or the server cannot be reached or sends another file.
         OutputError: the file cannot be written.
     """
     if name not in NETWORKS:
@@ -505,7 +505,7 @@ def fetch(name: NetworkName) -> Path:
 
 
 def open_recording(recording: PathOrUrl | Sequence[PathOrUrl]) -> Recording:
-    """An open recording, to be used in a `with` block: its topics, and its messages as they were recorded.
+    """Open a recording, in a `with` block: its topics, and its messages as recorded.
 
     Raises:
         RecordingError: it cannot be read.

@@ -23,7 +23,7 @@ from lidcam.readers.location import Location
 from lidcam.run.job import Job
 
 JOB_MIB = 1500
-"""Memory reserved for a job; docs/reliability.md."""
+"""Memory reserved for a job; docs/many.md."""
 
 T = TypeVar("T")
 

@@ -97,6 +97,6 @@ def compare(
         print_comparison(out, found.figures.tree, [str(first), str(second)], lines=lines)
         for note in found.notes:
             show_line(out, f"note: {note}")
-        as_far = "equal within the tolerances" if found.is_equal else "differs no more than it may"
-        show_line(out, f"verdict: {'differs more than it may' if verdict.failures else as_far}")
+        within = "equal within the tolerances" if found.is_equal else "no more differences than allowed"
+        show_line(out, f"verdict: {'more differences than allowed' if verdict.failures else within}")
     verdict.end()

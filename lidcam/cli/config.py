@@ -36,7 +36,7 @@ def config_list(as_json: AsJson = False) -> None:
         show_json(console(), dict(preset_summaries()))
         return
     _show_pairs("presets", preset_summaries())
-    show_line(console(), "Without --config, the recording decides: see the line `settings` of the final table.")
+    show_line(console(), "Default: chosen from the recording; the first line of a run names the preset.")
 
 
 @config_app.command("show", cls=GroupedCommand)
