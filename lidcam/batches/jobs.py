@@ -111,8 +111,9 @@ def _listed(given: Iterable[str], out: Location) -> Iterator[str]:
     for text in given:
         if text.startswith("@"):
             path = Path(text[1:])
-            lines = read_small_text(path, MAX_LIST_BYTES, "a list of recordings", RecordingError).splitlines()
-            yield from (line.strip() for line in lines if line.strip() and not line.startswith("#"))
+            text = read_small_text(path, MAX_LIST_BYTES, "a list of recordings", RecordingError)
+            lines = map(str.strip, text.splitlines())
+            yield from (line for line in lines if line and not line.startswith("#"))
         elif "://" not in text and not Path(text).exists() and glob.has_magic(text):
             found = sorted(glob.glob(text, recursive=True))  # noqa: PTH207  # absolute or relative, as it was given
             if not found:

@@ -49,7 +49,7 @@ def read_small_text(path: Path, max_bytes: int, expected: str, error: type[Lidca
         LidcamError: (`error`) it cannot be read, is no regular file, is larger or no UTF-8; one line that names it.
     """
     try:
-        return read_small_file(path, max_bytes).decode()
+        return read_small_file(path, max_bytes).decode("utf-8-sig")  # some editors begin a file with a mark
     except FileNotFoundError as err:
         raise error(f"{path}: expected {expected}, found no such file") from err
     except UnicodeDecodeError as err:

@@ -61,7 +61,8 @@ def test_files_patterns_lists_and_urls(logs: Path, tmp_path: Path) -> None:
     out, a = tmp_path / "out", logs / "day1" / "a.bag"
     assert names([a], out) == names([a, a], out) == names([logs / "day1" / "*.bag"], out) == ["a"]
     listed = tmp_path / "list.txt"
-    listed.write_text(f"# a comment\n{a}\n\n{logs / 'day2' / 'bag'}\n", encoding="utf-8")
+    # With the mark and the ends of lines of an editor of Windows.
+    listed.write_text(f"# a comment\r\n{a}\r\n  # another\r\n\r\n{logs / 'day2' / 'bag'}\r\n", encoding="utf-8-sig")
     assert names([f"@{listed}"], out) == ["a", "bag"]
     (job,) = find_jobs(["https://host/b.mcap?signature=secret"], out)
     assert job.name == "b"
