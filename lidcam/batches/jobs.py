@@ -161,7 +161,7 @@ def _of_bucket(place: RemotePath, out: Location) -> list[BatchJob]:
 
 
 def _recordings(folder: Path, out: Path | None) -> Iterator[Path]:
-    """The recordings in a folder and below it but for `out`, in natural order; links to folders are not followed."""
+    """The recordings in and below a folder, in natural order, without results; links to folders are not followed."""
     left = [folder]
     while left:
         path = left.pop()
@@ -175,7 +175,8 @@ def _recordings(folder: Path, out: Path | None) -> Iterator[Path]:
 def _is_searched(path: Path, out: Path | None) -> bool:
     """Whether what lies in a folder is a recording, or a folder that may hold some."""
     if path.is_dir():
-        return not path.is_symlink() and path.resolve() != out and not path.name.startswith(".")
+        is_of_results = path.resolve() == out or path.suffix == ".lidcam" or (path / RECORDS).is_dir()
+        return not path.is_symlink() and not is_of_results and not path.name.startswith(".")
     return path.is_file() and path.name.lower().endswith(ENDINGS) and not path.name.startswith(".")
 
 

@@ -50,9 +50,13 @@ def test_copies_of_one_recording_are_not_its_parts(tmp_path: Path) -> None:
 
 
 def test_results_below_the_folder_are_no_recordings(logs: Path) -> None:
-    (logs / "out").mkdir()
-    (logs / "out" / "a.mcap").write_bytes(b"1")
-    assert "out/a" not in names([logs], logs / "out")
+    found = names([logs], logs / "out")
+    for folder in ("out", "earlier", "day1/a.lidcam"):  # of this batch, of an earlier one, of `lidcam a.bag`
+        (logs / folder).mkdir()
+        (logs / folder / "r.mcap").write_bytes(b"1")
+    (logs / "earlier" / ".lidcam-batch").mkdir()
+    assert names([logs], logs / "out") == found
+    assert names([logs / "earlier"], logs / "out") == ["r"]  # who names it means it
     with pytest.raises(RecordingError, match="another folder for the results"):
         find_jobs([str(logs)], logs)
 
