@@ -1,5 +1,7 @@
 """The command line. Heavy imports stand in the functions that do the work, so help is instant."""
 
+from shutil import get_terminal_size
+
 import typer
 
 from lidcam.cli.batch import BATCH_EXAMPLES, batch
@@ -19,11 +21,12 @@ from lidcam.cli.simulation.train import train_app
 
 __all__ = ["app", "process_app"]
 
-HELP_NAMES = {"help_option_names": ["-h", "--help"]}
+# Without a width, help takes at least 50 columns.
+HELP = {"help_option_names": ["-h", "--help"], "terminal_width": min(get_terminal_size().columns, 80) - 2}
 
 app = typer.Typer(
     cls=Program,
-    context_settings=HELP_NAMES,
+    context_settings=HELP,
     help="Recorded lidar and camera topics in, fused objects out. ROS is not needed.\n\n"
     "To begin: `lidcam drive.bag` processes a recording into the folder drive.lidcam.",
     subcommand_metavar="RECORDING | COMMAND [ARGS]...",
@@ -31,7 +34,7 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain text: the same on a terminal, in a log and in a file
     pretty_exceptions_enable=False,
 )
-process_app = typer.Typer(context_settings=HELP_NAMES, rich_markup_mode=None, pretty_exceptions_enable=False)
+process_app = typer.Typer(context_settings=HELP, rich_markup_mode=None, pretty_exceptions_enable=False)
 
 # The help lists them in this order.
 app.command(cls=GroupedCommand, epilog=PROCESS_EXAMPLES)(process)

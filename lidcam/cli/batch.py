@@ -14,7 +14,7 @@ from lidcam.run.options import SharedOptions
 if TYPE_CHECKING:
     from lidcam.batches.records import JobRecord
 
-BATCH_EXAMPLES = """\b
+BATCH_EXAMPLES = """\
 Exit codes: 0 all done; 3 part of a recording could not be used; 1 a recording
 failed; 2 wrong usage. If one recording fails, the others go on.
 

@@ -10,7 +10,7 @@ from lidcam.cli.options import AsJson, JsonFile, Overwrite, with_log_options
 from lidcam.cli.verdict import Verdict
 from lidcam.evaluation.allowed import AllowedDifference
 
-COMPARE_EXAMPLES = """\b
+COMPARE_EXAMPLES = """\
 Exit codes: 0 no more differences than allowed; 1 more, or the results cannot
 be compared; 2 wrong usage; 3 as 0, but a file is damaged.
 

@@ -18,7 +18,7 @@ from lidcam.cli.options import (
 from lidcam.cli.printing.log import is_verbose
 from lidcam.cli.verdict import Verdict
 
-EVALUATE_EXAMPLES = """\b
+EVALUATE_EXAMPLES = """\
 Exit codes: 0 done, all requirements met; 1 a requirement is not met, or
 nothing could be evaluated; 2 wrong usage; 3 done, but part of the result is
 damaged.

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from lidcam.run.job import Job
     from lidcam.writers.outputs.transaction import OutputFile
 
-INSPECT_EXAMPLES = """\b
+INSPECT_EXAMPLES = """\
 Exit codes: 0 sound, all sensors usable; 3 messages are lost, or sensors would
 be left out; 1 cannot be processed, or a requirement is not met; 2 wrong
 usage. With --repair, 0 means that every message was copied.

@@ -56,7 +56,7 @@ class GroupedCommand(TyperCommand):
                 groups[getattr(parameter, "rich_help_panel", None) or OTHERS].append(record)
         for group in sorted(groups, key=lambda name: name == OTHERS):
             with formatter.section(group):
-                formatter.write_dl(groups[group])
+                formatter.write_dl(groups[group], col_max=min(30, formatter.width // 2 - 8))
 
 
 logger = logging.getLogger(__name__)

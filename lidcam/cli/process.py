@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-PROCESS_EXAMPLES = """\b
+PROCESS_EXAMPLES = """\
 Exit codes: 0 done, nothing is missing; 1 failed, nothing was written (if
 --strict is not met, the outputs are kept); 2 wrong usage; 3 done, but part
 of the recording could not be used. See the last lines on stderr.

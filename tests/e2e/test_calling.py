@@ -83,6 +83,13 @@ def test_verbose_and_a_log_file(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -
     assert "run.log/out.mcap: cannot be written" in lines[-1]
 
 
+@pytest.mark.parametrize("command", ["", "process", "train pillars", "compare"])
+def test_help_of_a_narrow_terminal(command: str, tmp_path: Path) -> None:
+    text, _, _ = shell(f"{PROGRAM} {command} --help", tmp_path, COLUMNS="40").stdout.partition("  Examples:\n")
+    assert "--help" in text
+    assert not [line for line in text.splitlines() if len(line) > 40]
+
+
 @pytest.mark.parametrize("command", ["", "process", "inspect", "evaluate", "drive", "config"])
 def test_help(lidcam: Lidcam, command: str) -> None:
     done = lidcam(*command.split(), "-h")

@@ -18,9 +18,11 @@ if TYPE_CHECKING:
     from lidcam.bags.simulator.drive.live_view import LiveView
     from lidcam.bags.simulator.recorder.simulation import Simulation
 
-DRIVE_EXAMPLES = """\b
+DRIVE_EXAMPLES = """\
 Keys: w forward, s back, a left, d right, x stop, 1 and 2 choose the car,
 o ends. A command holds until the next one.
+
+\b
 Examples:
   lidcam drive sandbox out.bag --view
   lidcam drive sandbox out.mcap --keys "wwadx2ww"

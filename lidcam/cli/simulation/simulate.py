@@ -8,8 +8,10 @@ import typer
 from lidcam.cli.options import Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
 from lidcam.cli.printing.log import remark_log
 
-SIMULATE_EXAMPLES = """\b
+SIMULATE_EXAMPLES = """\
 Scenarios: sandbox, crossing, vehicle, random, or a YAML file of your own.
+
+\b
 Examples:
   lidcam simulate sandbox out.bag --duration 10
   lidcam simulate --show sandbox > my.yaml
