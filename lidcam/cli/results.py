@@ -107,6 +107,7 @@ def view(
     import webbrowser
 
     from lidcam.cli.printing.terminal import console, show_line
+    from lidcam.outputs.allowed import is_own_mcap
 
     if result.is_dir():  # of `lidcam drive.bag`
         found = [path for ending in ("*.rrd", "*.html", "*.mcap") for path in sorted(result.glob(ending))]
@@ -128,7 +129,8 @@ def view(
         assert output is not None
         how = output.instruction(result, (layout,) if layout.is_file() else ())
         show_line(console(), f"{output.name}: {how}")
-        show_line(console(), "Rerun opens it, too, but without the objects; use --rerun OUT.rrd for those.")
+        rest = "too, but without the objects; use --rerun OUT.rrd for those" if is_own_mcap(result) else "too"
+        show_line(console(), f"Rerun opens it, {rest}.")
     else:
         raise OutputError(
             f"{result}: expected a result of lidcam, which ends in .rrd, .html, .mp4 or .mcap; to process a recording: "
