@@ -13,7 +13,7 @@ class DropReason(StrEnum):
     QUEUE_FULL = "the queue was full before a set was complete; a larger sync.queue_size holds more"
     TOO_FAR = "no partner within the allowed interval"
     AFTER_OVERFLOW = "its partner may be among the messages that a full queue lost"
-    LEFT_OUT = "left out of a better set"
+    LEFT_OUT = "another message of its topic is nearer in time to the other sensors"
     TOO_LATE = "arrived after newer messages had taken its place; a larger sync.queue_size waits longer"
     NO_REFERENCE = "no reference message within slop"
     END = "no partner before the end of the recording"
