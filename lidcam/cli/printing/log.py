@@ -80,6 +80,10 @@ def _check_log(path: Path) -> None:
         raise OutputError(f"{path}: expected a new file or an earlier log of lidcam, found another file")
 
 
+def _is_remark(record: logging.LogRecord) -> bool:
+    return record.name == remark_log.name and record.levelno == logging.INFO
+
+
 class _Stderr(logging.Handler):
     """Writes to what `sys.stderr` is at the moment: a progress bar takes its place for a while."""
 
@@ -98,7 +102,7 @@ class _Stderr(logging.Handler):
 
     def format(self, record: logging.LogRecord) -> str:
         text = visible(record.getMessage())
-        if record.name == remark_log.name and record.levelno == logging.INFO:
+        if _is_remark(record):
             return text
         if record.levelno >= logging.ERROR:
             return f"lidcam: error: {text}"
@@ -107,13 +111,11 @@ class _Stderr(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         with suppress(OSError):  # nobody reads it any more, or its disk is full: no reason to end a run
             text = self.format(record)
-            if record.levelno >= logging.WARNING and sys.stderr.isatty():
-                from lidcam.cli.printing.terminal import (
-                    console,  # obeys NO_COLOR
-                    show_line,
-                )
+            if sys.stderr.isatty() and not _is_remark(record):  # whose paths can be copied
+                from lidcam.cli.printing.terminal import console, show_line  # obeys NO_COLOR
 
-                show_line(console(stderr=True), text, "red" if record.levelno >= logging.ERROR else "yellow")
+                style = "red" if record.levelno >= logging.ERROR else "yellow" * (record.levelno >= logging.WARNING)
+                show_line(console(stderr=True), text, style)
                 return
             sys.stderr.write(f"{text}\n")
             sys.stderr.flush()
