@@ -152,7 +152,8 @@ def opened(job: Job) -> Iterator["Run"]:
         for subjects, reason in faults_told(found.faults):
             logger.warning("left out: %s: %s", subjects, reason)
         for sensor in found.sources:
-            logger.info("%s: %s, calibration: %s %s", sensor.sensor, sensor.topic, sensor.intrinsics, sensor.extrinsics)
+            known = ", ".join(filter(None, (sensor.intrinsics, sensor.extrinsics)))
+            logger.info("%s: %s, calibration: %s", sensor.sensor, sensor.topic, known)
         motion, found = find_motion(recording, job.config, found)
         config, used, found = use_settings(job.settings, recording, found, job.rig, moves=motion is not None)
         logger.info("settings: %s", used)

@@ -68,6 +68,7 @@ def test_verbose_and_a_log_file(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -
     log = tmp_path / "run.log"
     run = lidcam("process", sandbox, tmp_path / "out.mcap", *PART, "-v", "--log-file", log)
     assert run.code == 0
+    assert f"lidcam: {sandbox}: 1677 messages of 62 topics" in run.err
     assert "lidcam.processing: frame 1, 1700000000100859904 ns: 19 topics" in run.err
     assert "\ntime\nstage" in run.out
     assert "\ntime\n" not in lidcam("process", sandbox, tmp_path / "out.mcap", *PART).out
