@@ -45,8 +45,7 @@ def count_lines(objects: Objects, places: F64, lines: Mapping[str, Line]) -> tup
     classes = _classes(rows, objects.class_ids[order].astype(np.int64), len(objects.class_names), len(numbers))
     goes_on = tracks[1:] == tracks[:-1]
     found = []
-    for name, line in lines.items():
-        ends = line_ends(name, line)
+    for name, ends in ends_of_lines(lines).items():
         steps = np.where(goes_on, _crossings(xy[:-1], xy[1:], ends), 0)
         nets = np.bincount(rows[1:], steps, len(numbers)) if len(numbers) else np.zeros(0)
         for class_id in np.unique(classes[nets != 0]).tolist():
@@ -56,19 +55,24 @@ def count_lines(objects: Objects, places: F64, lines: Mapping[str, Line]) -> tup
     return tuple(found)
 
 
-def line_ends(name: str, line: Line) -> F64:
-    """(2, 2) the ends of a line, metres.
+def ends_of_lines(lines: Mapping[str, Line]) -> dict[str, F64]:
+    """(2, 2) the ends of each line by its name, metres.
 
     Raises:
-        ConfigError: it has not two different ends.
+        ConfigError: lines have no names, or one has not two different ends.
     """
-    try:
-        ends = np.array(line, np.float64)
-    except (TypeError, ValueError):
-        ends = np.zeros(0)
-    if ends.shape != (2, 2) or not np.isfinite(ends).all() or (ends[0] == ends[1]).all():
-        raise ConfigError(f"lines: {name}: expected two different ends ((x, y), (x, y)) in metres, found {line}")
-    return ends
+    if not isinstance(lines, Mapping):
+        raise ConfigError(f"lines: expected lines by name, {{'gate': ((x, y), (x, y))}}, found {lines}")
+    found = {}
+    for name, line in lines.items():
+        try:
+            ends = np.array(line, np.float64)
+        except (TypeError, ValueError):
+            ends = np.zeros(0)
+        if ends.shape != (2, 2) or not np.isfinite(ends).all() or (ends[0] == ends[1]).all():
+            raise ConfigError(f"lines: {name}: expected two different ends ((x, y), (x, y)) in metres, found {line}")
+        found[name] = ends
+    return found
 
 
 def _classes(rows: I64, class_ids: I64, class_count: int, track_count: int) -> I64:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lidcam.notebook.counting import Line, LineCount, line_ends
+from lidcam.notebook.counting import Line, LineCount, ends_of_lines
 from lidcam.notebook.site_map import SiteMap
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import LidcamError
@@ -43,7 +43,7 @@ def installed(package: str, wanted_by: str) -> Any:
 
 def plot_tracks(objects: Objects, site: SiteMap, rig: Rig, lines: Mapping[str, Line], axes: Any) -> Any:
     """All tracks from above, over what stands still; see `RunResult.plot`."""
-    places = site.places(objects)
+    ends_by_name, places = ends_of_lines(lines), site.places(objects)
     known = np.flatnonzero(np.isfinite(places).all(1))
     objects, places = objects.select(known), places[known]
     low, high = map_extent([places, *([site.way[np.isfinite(site.way).all(1)]] if site.moves else [])], site.background)
@@ -54,8 +54,7 @@ def plot_tracks(objects: Objects, site: SiteMap, rig: Rig, lines: Mapping[str, L
         axes.imshow(image, extent=extent, interpolation="nearest", zorder=0)
     for zone in rig.counted_zones if not site.moves else ():
         _outline(axes, zone.polygon_site, zone.name, low, high)
-    for name, line in lines.items():
-        ends = line_ends(name, line)
+    for name, ends in ends_by_name.items():
         axes.plot(*ends.T, color=INK, linewidth=2.5, solid_capstyle="butt", zorder=4)
         _name_line(axes, name, ends)
     if site.moves and not site.is_adrift:

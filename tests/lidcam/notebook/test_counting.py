@@ -61,6 +61,9 @@ def test_lines_that_are_none() -> None:
     for ends in (((0, 0), (0, 0)), ((0, 0, 0), (1, 1, 1)), ((0, 0), (np.nan, 1))):
         with pytest.raises(ConfigError, match="lines: a: expected two different ends"):
             crossed([(0.0, 0.0)], lines={"a": ends})
+    unnamed: Any = [((0, 0), (0, 1))]
+    with pytest.raises(ConfigError, match="lines: expected lines by name, "):
+        crossed([(0.0, 0.0)], lines=unnamed)
 
 
 def test_nothing_crosses_where_nothing_is() -> None:
