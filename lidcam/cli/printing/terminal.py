@@ -84,7 +84,7 @@ MIN_FOLDED = 8
 """Minimum width of a folded text."""
 
 INDENT = "  "
-"""Indent of the lines after the first."""
+"""Indent of the lines after the first, but for a part that fits only without it."""
 
 _PIECES = re.compile(r"/?[^/_.,:;-]+[/_.,:;-]*|[/_.,:;-]+")
 
@@ -113,7 +113,7 @@ def folded_lines(text: str, width: int) -> Iterator[str]:
         for part in parts:
             if line.strip() and cell_len(line) + len(blank) + cell_len(part) > width:
                 yield line
-                line = INDENT
+                line = "" if width - len(INDENT) < cell_len(part) <= width else INDENT
                 blank = ""
             line += blank + part
             blank = ""

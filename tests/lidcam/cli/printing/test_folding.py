@@ -38,6 +38,7 @@ def printed(out: Console) -> list[str]:
         ("left out: cam11", 10, ["left out:", "  cam11"]),  # after a blank
         ("/velodyne1/points", 12, ["/velodyne1/", "  points"]),  # after a mark
         ("a /velodyne1", 12, ["a /velodyne1"]),
+        ("/image/compressed", 10, ["/image/", "compressed"]),  # rather without an indent than broken
         ("x" * 25, 10, ["x" * 10, "  " + "x" * 8, "  " + "x" * 7]),
         ("  two  blanks", 80, ["  two  blanks"]),
     ],
