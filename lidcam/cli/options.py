@@ -214,9 +214,7 @@ def _scenarios(incomplete: str) -> list[str]:
 
 
 Version = Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")]
-ConfigFile = Annotated[str | None, job_option("config")]
 Setting = Annotated[list[str] | None, job_option("settings")]
-RigFile = Annotated[list[str] | None, job_option("rig")]
 Overwrite = Annotated[bool, job_option("overwrite")]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON instead of tables.", rich_help_panel=SCREEN)

@@ -2,14 +2,15 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Unpack
 
 import typer
 
-from lidcam.cli.options import ConfigFile, Overwrite, RigFile, Setting, with_log_options
+from lidcam.cli.options import Overwrite, with_log_options
 from lidcam.cli.printing.log import remark_log
-from lidcam.cli.simulation.train import NetworkOut, Resume, Seed, Workers, check_training, read, train_network
+from lidcam.cli.simulation.train import READING, NetworkOut, Resume, Seed, check_training, read, train_network
 from lidcam.pipeline.core.errors import ConfigError, LidcamError
+from lidcam.run.options import SharedOptions
 
 if TYPE_CHECKING:
     from lidcam.pipeline.core.settings.config import Config
@@ -29,6 +30,7 @@ Examples:
 
 
 @with_log_options
+@READING
 def adapt(
     recordings: Annotated[
         list[str],
@@ -36,13 +38,10 @@ def adapt(
     ],
     out: NetworkOut,
     steps: Annotated[int, typer.Option(min=1, metavar="N", help="Total number of steps, of four sweeps each.")] = 800,
-    config_file: ConfigFile = None,
-    settings: Setting = None,
-    rig_files: RigFile = None,
     seed: Seed = 0,
-    workers: Workers = None,
     resume: Resume = False,
     overwrite: Overwrite = False,
+    **options: Unpack[SharedOptions],
 ) -> None:
     """Adapt the 3D network to your sensors, without labels.
 
@@ -69,7 +68,7 @@ def adapt(
         networks[network] = "all" if knows(config.classes) else "sandbox"
 
     def checkpoint_in(folder: Path) -> Checkpoint:
-        labelled = read(recordings, folder, check, config_file, settings, rig_files, workers, own_labels=True)
+        labelled = read(recordings, folder, check, options, own_labels=True)
         ((network, worlds),) = networks.items()
         return Checkpoint(out.with_suffix(".ckpt"), worlds, seed, labelled, begin=str(network))
 
@@ -93,7 +92,7 @@ def adapt(
         out,
         steps,
         checkpoint_in,
-        workers=workers,
+        workers=options.get("workers"),
         resume=resume,
         overwrite=overwrite,
         kept_share=KEPT_SHARE,

@@ -5,12 +5,13 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, Unpack
 
 import typer
 
-from lidcam.cli.options import ConfigFile, GroupedCommand, Overwrite, RigFile, Setting, ends_in, with_log_options
+from lidcam.cli.options import GroupedCommand, Overwrite, ends_in, with_job_options, with_log_options
 from lidcam.pipeline.core.errors import ConfigError, LidcamError, OutputError
+from lidcam.run.options import SharedOptions
 
 if TYPE_CHECKING:
     from lidcam.pipeline.core.settings.config import Config
@@ -29,9 +30,6 @@ Recordings = Annotated[
     ),
 ]
 Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Random seed: the number of the first world.")]
-Workers = Annotated[
-    int | None, typer.Option(min=1, metavar="N", help="Worker processes; does not change the result. [default: cores]")
-]
 Resume = Annotated[
     bool, typer.Option("--resume", help="Continue from FILE.ckpt if it exists; steps and recordings may change.")
 ]
@@ -44,6 +42,9 @@ NetworkOut = Annotated[
         help="The network; FILE.md beside it is its card, FILE.ckpt the state of the training.",
     ),
 ]
+READING = with_job_options("config", "settings", "rig", "workers")
+"""A decorator of commands that learn from recordings."""
+
 DEFAULT_FAMILY = "[default: road, or the recordings alone]"
 
 CLUSTERS_EXAMPLES = """\b
@@ -75,6 +76,7 @@ def _train() -> None:
 
 @train_app.command(cls=GroupedCommand, epilog=CLUSTERS_EXAMPLES)
 @with_log_options
+@READING
 def clusters(
     out: Annotated[
         Path,
@@ -95,12 +97,9 @@ def clusters(
         ),
     ] = 300,
     recordings: Recordings = None,
-    config_file: ConfigFile = None,
-    settings: Setting = None,
-    rig_files: RigFile = None,
     seed: Seed = 0,
-    workers: Workers = None,
     overwrite: Overwrite = False,
+    **options: Unpack[SharedOptions],
 ) -> None:
     """Train the network that scores clusters of lidar points.
 
@@ -112,11 +111,11 @@ def clusters(
     from lidcam.training.clusters import train_clusters
     from lidcam.writers.outputs.transaction import OutputTransaction
 
-    card, processes = out.with_suffix(".md"), workers or usable_cores()
+    card, processes = out.with_suffix(".md"), options.get("workers") or usable_cores()
     with OutputTransaction([out, card], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
         with TemporaryDirectory() as folder:
             check = partial(_check_classes, family=family)
-            labelled = read(recordings, Path(folder), check, config_file, settings, rig_files, workers)
+            labelled = read(recordings, Path(folder), check, options)
             chosen = family if family or labelled else "road"
             with show_training() as progress:
                 trained = train_clusters(
@@ -129,6 +128,7 @@ def clusters(
 
 @train_app.command(cls=GroupedCommand, epilog=PILLARS_EXAMPLES)
 @with_log_options
+@READING
 def pillars(
     out: NetworkOut,
     steps: Annotated[int, typer.Option(min=1, metavar="N", help="Total number of steps, of four sweeps each.")],
@@ -141,11 +141,7 @@ def pillars(
         ),
     ] = None,
     recordings: Recordings = None,
-    config_file: ConfigFile = None,
-    settings: Setting = None,
-    rig_files: RigFile = None,
     seed: Seed = 0,
-    workers: Workers = None,
     begin: Annotated[
         str,
         typer.Option(
@@ -163,6 +159,7 @@ def pillars(
     ] = False,
     resume: Resume = False,
     overwrite: Overwrite = False,
+    **options: Unpack[SharedOptions],
 ) -> None:
     """Train a network that finds 3D boxes.
 
@@ -172,9 +169,7 @@ def pillars(
     from lidcam.training.pillars.fit import Checkpoint
 
     def checkpoint_in(folder: Path) -> Checkpoint:
-        labelled = read(
-            recordings, folder, partial(_check_classes, family=family), config_file, settings, rig_files, workers
-        )
+        labelled = read(recordings, folder, partial(_check_classes, family=family), options)
         embedded = "sandbox" if family == "sandbox" else "traffic"
         first = begin or (embedded if labelled else "none")
         return Checkpoint(
@@ -187,7 +182,9 @@ def pillars(
             bfloat16=bfloat16,
         )
 
-    trained = train_network(out, steps, checkpoint_in, workers=workers, resume=resume, overwrite=overwrite)
+    trained = train_network(
+        out, steps, checkpoint_in, workers=options.get("workers"), resume=resume, overwrite=overwrite
+    )
     typer.echo(trained.card)
 
 
@@ -321,33 +318,20 @@ def read(
     recordings: Sequence[str] | None,
     folder: Path,
     check: Callable[["Config"], object],
-    config: str | None,
-    settings: Sequence[str] | None,
-    rig: list[str] | None,
-    workers: int | None,
+    options: SharedOptions,
     *,
     own_labels: bool = False,
 ) -> "LabelledRecordings | None":
-    """Recordings to learn from, as by `read_recordings`; None if there are none."""
+    """Recordings to learn from, as by `read_recordings`; None if there are none. `options` are those of `READING`."""
     if not recordings:
-        if config or settings or rig:
+        if options.keys() - {"workers"}:
             raise typer.BadParameter("--config, --set and --rig say how to read recordings: give --recordings, too")
         return None
     from lidcam.cli.printing.progress import show_training
     from lidcam.training.recordings import read_recordings
 
     with show_training() as progress:
-        return read_recordings(
-            recordings,
-            folder,
-            check=check,
-            progress=progress,
-            own_labels=own_labels,
-            config=config,
-            settings=settings or (),
-            rig=rig,
-            workers=workers,
-        )
+        return read_recordings(recordings, folder, check=check, progress=progress, own_labels=own_labels, **options)
 
 
 def _check_classes(config: "Config", *, family: str | None) -> None:
