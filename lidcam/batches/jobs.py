@@ -73,8 +73,8 @@ def find_jobs(given: Sequence[str], out: Location) -> list[BatchJob]:
         out: The folder of the results; it is not searched.
 
     Raises:
-        RecordingError: an input does not exist, a folder holds no recording or cannot be listed, or two results would
-            have the same name.
+        RecordingError: there are none, an input does not exist, a folder holds no recording or cannot be listed, or two
+            results would have the same name.
     """
     jobs: list[BatchJob] = []
     try:
@@ -82,6 +82,8 @@ def find_jobs(given: Sequence[str], out: Location) -> list[BatchJob]:
             jobs += _of(location(text), text, out)
     except OSError as err:
         raise RecordingError(f"{err.filename}: cannot be searched for recordings: {err.strerror}") from err
+    if not jobs:
+        raise RecordingError("expected recordings, found none")
     by_name: dict[str, BatchJob] = {}
     for job in _told_apart(jobs):
         other = by_name.setdefault(job.name, job)

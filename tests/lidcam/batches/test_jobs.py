@@ -104,6 +104,8 @@ def test_a_pattern_that_the_results_fit_does_not_take_them(tmp_path: Path, monke
         (["*.none"], "found nothing of this pattern"),
         (["@nothing.txt"], "expected a list of recordings"),
         (["empty"], "expected recordings"),
+        (["@nobody"], "expected recordings, found none"),
+        ([], "expected recordings, found none"),
         (["a" * 300], "cannot be searched for recordings: File name too long"),
         (["fifo"], "found a device or a pipe"),
         (["@fifo"], "expected a regular file, found a FIFO or a device"),
@@ -118,6 +120,7 @@ def test_what_is_no_recording_is_told(
     for folder in ("one", "two"):
         (tmp_path / folder / "a.bag").write_bytes(b"1")
     monkeypatch.chdir(tmp_path)
+    Path("nobody").write_text("# none yet\n", encoding="utf-8")
     os.mkfifo("fifo")
     with pytest.raises(RecordingError, match=fault):
         find_jobs(given, tmp_path / "out")
