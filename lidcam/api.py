@@ -309,7 +309,7 @@ def load(result: FilePath) -> RunResult:
         RecordingError: it cannot be read, or is no result of lidcam.
     """
     path = Path(result)
-    return RunResult(*load_result(path), partial(read_site_map, path))
+    return RunResult(*load_result(path), partial(read_site_map, path.absolute()))
 
 
 def evaluate(

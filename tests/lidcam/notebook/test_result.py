@@ -99,7 +99,9 @@ def line_of(axes: Any, label: str) -> Any:
     return np.column_stack(line.get_data())
 
 
-def test_the_plot_has_each_track_in_the_colour_of_its_class(run: lidcam.RunResult) -> None:
+def test_the_plot_has_each_track_in_the_colour_of_its_class(
+    run: lidcam.RunResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
     axes, objects = run.plot(), run.objects
     for class_id in np.unique(objects.class_ids).tolist():
         own = objects[objects.class_ids == class_id]
@@ -114,7 +116,10 @@ def test_the_plot_has_each_track_in_the_colour_of_its_class(run: lidcam.RunResul
     nothing = lidcam.RunResult(run.summary, objects[:0]).plot()
     assert nothing.get_legend() is None
     assert axes is lidcam.RunResult(run.summary, objects[:0]).plot(axes)
-    back = lidcam.load(run.summary.outputs[0]).plot()
+    monkeypatch.chdir(run.summary.outputs[0].parent)
+    loaded = lidcam.load(run.summary.outputs[0].name)
+    monkeypatch.chdir("/")
+    back = loaded.plot()
     for one, other in zip(axes.get_lines(), back.get_lines(), strict=True):
         np.testing.assert_allclose(one.get_data(), other.get_data())
 
