@@ -450,6 +450,8 @@ def simulate(
 ) -> Path:
     """Record a simulated scene: lidars, cameras, and ground truth. Needs the extra sim.
 
+    In a script, call it below `if __name__ == "__main__":`, as its processes import the script.
+
     Args:
         scenario: sandbox, crossing, vehicle, random, or a YAML file.
         output: The recording: .bag (ROS 1) or .mcap (ROS 2).

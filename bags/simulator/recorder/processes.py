@@ -57,7 +57,10 @@ class SensingProcess:
 
 
 def _death() -> LidcamError:
-    return LidcamError("a simulation process died, perhaps for lack of memory; try --workers 1")
+    return LidcamError(
+        "a simulation process died, perhaps for lack of memory: try --workers 1; or it is called in a script without "
+        '`if __name__ == "__main__":`'
+    )
 
 
 _running: "list[tuple[Stage, Sensing]]" = []
