@@ -211,7 +211,7 @@ class OnlineTracker:
 
     def _pairs(self, live: _Live, sightings: Sightings, noise: F64, gate: float) -> tuple[Indices, Indices]:
         """Rows of tracks and of sightings that belong together."""
-        track, row = np.indices((len(live), len(sightings))).reshape(2, -1)
+        track, row = np.nonzero(_within_reach(live, sightings, noise, gate))
         motions = Motions(live.states[track], live.covariances[track])
         boxes, slopes = expected(motions, sightings.later_s[row], live.rear_m[track])
         spread = slopes @ motions.covariances @ slopes.swapaxes(1, 2) + noise[row]
@@ -219,15 +219,18 @@ class OnlineTracker:
         x, y, xx, xy, yy = innovation[:, 0], innovation[:, 1], spread[:, 0, 0], spread[:, 0, 1], spread[:, 1, 1]
         determinant = xx * yy - xy**2
         distance = (yy * x**2 - 2 * xy * x * y + xx * y**2) / determinant
+        class_ids = sightings.class_ids[row]
         turned = np.minimum(innovation[:, 2] ** 2 / (spread[:, 2, 2] + HEADING_SIGMA_RAD**2), MAX_HEADING_COST)
-        turned[~self._priors.show_axis[sightings.class_ids[row]]] = 0.0
-        shares = live.votes / live.votes.sum(1, keepdims=True)
-        class_likelihood = SAME_CLASS_LIKELIHOOD * shares[:, sightings.class_ids] + ANY_CLASS_LIKELIHOOD
-        costs = distance + HEADING_WEIGHT * turned + np.log(determinant) - 2 * np.log(class_likelihood.ravel())
+        turned[~self._priors.show_axis[class_ids]] = 0.0
+        shares = live.votes[track, class_ids] / live.votes.sum(1)[track]
+        costs = distance + HEADING_WEIGHT * turned + np.log(determinant)
+        costs -= 2 * np.log(SAME_CLASS_LIKELIHOOD * shares + ANY_CLASS_LIKELIHOOD)
         costs -= 2 * np.log(np.maximum(sightings.beliefs[row], 0.05))
         # Pairs outside of the gate cost nothing and those within it less, so that as many as possible are made.
-        max_cost = float(costs.max()) + gate
-        matrix = np.where(distance < gate, costs - max_cost, 0.0).reshape(len(live), len(sightings))
+        matrix, fits = np.zeros((len(live), len(sightings))), distance < gate
+        highest, lowest = costs.max(initial=0.0), costs.min(initial=0.0)
+        max_cost = highest + min(matrix.shape) * (highest - lowest) + gate
+        matrix[track[fits], row[fits]] = costs[fits] - max_cost
         first, second = assign(matrix)
         paired = matrix[first, second] < 0
         return first[paired], second[paired]
@@ -365,3 +368,18 @@ class OnlineTracker:
         max_coasting_s = np.where(live.hits >= MIN_HITS, MAX_COASTING_S + TIME_TOLERANCE_S, 0.0)
         is_reported = (rows.existence >= self._min_existence) & (self._now_s - live.seen_s <= max_coasting_s)
         return rows.select(is_reported)
+
+
+def _within_reach(live: _Live, sightings: Sightings, noise: F64, gate: float) -> Bools:
+    """(T, N) pairs that the gate may let pass: most pairs of a crowded frame are far apart.
+
+    A squared Mahalanobis distance is no less than the squared distance over the sum of the variances.
+    """
+    centers, late_s = at_centers(live.motions, live.rear_m), np.abs(sightings.later_s)
+    _, _, heading, speed, turn = np.sqrt(np.diagonal(live.covariances, axis1=1, axis2=2)).T
+    fastest = np.abs(live.states[:, SPEED]) + live.rear_m * np.abs(live.states[:, TURN])
+    spreads = speed + fastest * heading + (fastest + live.rear_m) * turn
+    sigmas_m = [np.sqrt(np.trace(one[:, :2, :2], axis1=1, axis2=2)) for one in (centers.covariances, noise)]
+    reach_m = np.sqrt(gate) * np.add.outer(*sigmas_m) + np.outer(fastest + np.sqrt(gate) * spreads, late_s)
+    away = sightings.boxes[:, :2] - centers.states[:, None, :2]
+    return np.asarray(np.hypot(away[..., 0], away[..., 1]) <= reach_m)
