@@ -321,6 +321,10 @@ class OnlineTracker:
         covariances[:, HEADING, HEADING] = np.minimum(covariances[:, HEADING, HEADING], 3.0)
         covariances[:, SPEED, SPEED] = self._priors.speeds[sightings.class_ids] ** 2
         covariances[:, TURN, TURN] = 0.5**2
+        # Boxes are measured beside the stamp of the frame: how far beside is as unknown as the speed.
+        motions, _ = predicted(
+            Motions(states, covariances), -sightings.later_s, self._priors.noise[sightings.class_ids]
+        )
         beliefs, now_s = sightings.beliefs, np.full(n, self._now_s)
         log_odds = EVIDENCE_WEIGHT * (logit(beliefs) + DOUBT_LOG_ODDS * len(self._recent_s))
         votes = np.full((n, len(self._priors)), 1e-3)
@@ -329,8 +333,8 @@ class OnlineTracker:
         first_id, self._next_id = self._next_id, self._next_id + n
         return _Live(
             ids=np.arange(first_id, first_id + n),
-            states=states,
-            covariances=covariances,
+            states=motions.states,
+            covariances=motions.covariances,
             log_odds=softly_limited(log_odds, MAX_NEW_LOG_ODDS),
             votes=votes,
             born_s=now_s,
