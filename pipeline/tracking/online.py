@@ -102,7 +102,7 @@ TIME_TOLERANCE_S = 1e-6
 """Tolerance of the limits above, seconds: times are sums of rounded ones."""
 
 MIN_TRACK_DISTANCE = 0.4
-"""Minimum distance of a new track from others, in motion scales."""
+"""Minimum distance of a new track from others, in lengths of its class or motion scales, whichever is shorter."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -307,7 +307,8 @@ class OnlineTracker:
         positions = sightings.boxes[rows, :2]
         others = np.concatenate([at_centers(live.motions, live.rear_m).states[:, :2], positions])
         distances_m = np.linalg.norm(positions[:, None] - others, axis=-1)
-        is_near = distances_m < MIN_TRACK_DISTANCE * self._priors.scales_m[sightings.class_ids[rows]][:, None]
+        of_class = self._priors.select(sightings.class_ids[rows])
+        is_near = distances_m < MIN_TRACK_DISTANCE * np.minimum(of_class.lengths_m, of_class.scales_m)[:, None]
         exists = np.arange(len(others)) < len(live)
         for row in range(len(rows)):
             exists[len(live) + row] = not is_near[row, exists].any()

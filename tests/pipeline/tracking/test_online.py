@@ -74,6 +74,11 @@ def test_cars_that_pass_each_other_keep_their_numbers() -> None:
         assert row.states[0, 1] < row.states[1, 1]
 
 
+def test_people_side_by_side_have_a_track_each() -> None:
+    movers = [Mover(straight(0, 0.6 * row, 0, 1.4), PEDESTRIAN, (0.6, 0.6, 1.7)) for row in range(3)]
+    assert [row.ids.tolist() for row in tracked(scene(movers, 30))] == [[1, 2, 3]] * 30
+
+
 def test_a_pause_is_bridged_and_a_long_one_ends_the_track() -> None:
     rows = tracked(scene([Mover(straight(0, 0, 0, 5.0), seen=lambda k: k not in (10, 11) and not 20 < k < 40)], 50))
     assert rows[10].seen.tolist() == [NOT_SEEN]
