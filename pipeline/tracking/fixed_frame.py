@@ -155,12 +155,16 @@ def _in_site(frame_id: str, seen: FrameSightings, rows: TrackRows) -> Fused:
         measured_ns=np.full(n, seen.stamp_ns, np.int64),
     )
     headings, speeds = rows.states[:, HEADING] + turn_rad, rows.states[:, SPEED]
-    cos, sin = np.cos(headings), np.sin(headings)
-    slopes = np.stack([np.stack([-speeds * sin, cos], -1), np.stack([speeds * cos, sin], -1)], -2)
-    covariances = rows.covariances[:, HEADING : SPEED + 1, HEADING : SPEED + 1]  # the same in any frame
+    cos, sin, rear_m = np.cos(headings), np.sin(headings), rows.rear_m
+    # The speed is that of the rear axle, about which the centre turns.
+    across = rear_m * rows.states[:, TURN]
+    velocities = np.stack([speeds * cos - across * sin, speeds * sin + across * cos], -1)
+    by_heading = np.stack([-velocities[:, 1], velocities[:, 0]], -1)
+    slopes = np.stack([by_heading, np.stack([cos, sin], -1), np.stack([-rear_m * sin, rear_m * cos], -1)], -1)
+    covariances = rows.covariances[:, HEADING:, HEADING:]  # the same in any frame
     tracks = Tracks(
         ids=rows.ids,
-        velocities=np.stack([speeds * cos, speeds * sin], -1),
+        velocities=velocities,
         velocity_covariances=slopes @ covariances @ slopes.swapaxes(1, 2),
         yaw_rates=rows.states[:, TURN].copy(),
         yaw_rate_variances=rows.covariances[:, TURN, TURN].copy(),

@@ -238,6 +238,7 @@ def _rows(
         ids=history.ids[tracks],
         states=states,
         covariances=estimates.motions.covariances[cells],
+        rear_m=courses.rear_m[tracks],
         heights_m=_heights_m(scene, estimates)[cells],
         sizes=estimates.sizes[tracks],
         class_ids=estimates.class_ids[tracks],

@@ -360,6 +360,7 @@ class OnlineTracker:
             ids=live.ids,
             states=centers.states,
             covariances=centers.covariances,
+            rear_m=live.rear_m,
             heights_m=live.heights_m,
             sizes=live.sizes,
             class_ids=live.class_ids,

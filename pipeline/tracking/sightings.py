@@ -112,6 +112,7 @@ class TrackRows(Table):
     # (N, 5) float64, as in `lidcam.pipeline.tracking.motion`, at the frame's stamp; positions are those of the centres
     states: F64
     covariances: F64  # (N, 5, 5) float64
+    rear_m: F64  # (N,) float64, distance of the rear axle, whose speed that of the state is, behind the centre
     heights_m: F64  # (N,) float64, z of the centre
     sizes: F64  # (N, 3) float64
     class_ids: I64  # (N,) int64
@@ -126,7 +127,7 @@ class TrackRows(Table):
         """No track."""
         zeros, numbers, no = np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.bool_)
         states, covariances = np.zeros((0, 5)), np.zeros((0, 5, 5))
-        return cls(numbers, states, covariances, zeros, np.zeros((0, 3)), numbers, zeros, zeros, no, no, numbers)
+        return cls(numbers, states, covariances, zeros, zeros, np.zeros((0, 3)), numbers, zeros, zeros, no, no, numbers)
 
     @property
     def are_seen(self) -> Bools:

@@ -10,7 +10,16 @@ from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.rig import Zone
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.tracking.fixed_frame import NO_TRACK_REASON, SightingsOf, with_tracks
-from lidcam.pipeline.tracking.motion import HEADING, SPEED, Priors
+from lidcam.pipeline.tracking.motion import (
+    HEADING,
+    SPEED,
+    TURN,
+    Motions,
+    Priors,
+    at_centers,
+    at_rear_axles,
+    predicted,
+)
 from lidcam.pipeline.tracking.online import OnlineTracker
 from lidcam.pipeline.tracking.sightings import NOT_SEEN, FrameSightings, TrackRows
 from lidcam.pipeline.tracking.trackers import object_tracker
@@ -92,6 +101,20 @@ def test_velocities_are_along_the_axes_of_the_site() -> None:
     # Of heading and speed, both of variance 1: along the heading that of the speed, across it speed^2.
     spread = np.linalg.eigvalsh(found.tracks.velocity_covariances)
     np.testing.assert_allclose(spread, np.tile([1.0, 9.0], (len(yaws), 1)))
+
+
+def test_velocities_are_those_of_the_centres() -> None:
+    """A car of 3 m/s that turns by 0.5 rad/s about its rear axle, 1 m behind its centre."""
+    one = result()
+    rows = rows_of(SightingsOf(RIG, CLASSES)(one))
+    rows.states[:, TURN], rows.rear_m[:] = 0.5, 1.0
+    found = tracked(one, rows).tracks
+    assert found is not None
+    after, _ = predicted(at_rear_axles(Motions(rows.states, rows.covariances), rows.rear_m), 1e-6, np.zeros((3, 5)))
+    moved_m = at_centers(after, rows.rear_m).states[:, :2] - rows.states[:, :2]
+    np.testing.assert_allclose(found.velocities, moved_m / 1e-6, atol=1e-4)
+    # Of heading, speed and yaw rate, all of variance 1.
+    np.testing.assert_allclose(np.trace(found.velocity_covariances, axis1=1, axis2=2), 3.0**2 + 0.5**2 + 1.0 + 1.0)
 
 
 def test_what_is_not_seen_is_predicted() -> None:
