@@ -24,17 +24,18 @@ OTHER_CLASS_COST = 4.0
 GAP_COST = 2.0
 """Cost of a gap, per second."""
 
+MIN_REACH = 0.2
+"""Minimum speed of a track in its reach over a gap, in class lengths per second."""
+
 
 def joined_over_gaps(estimates: Estimates, stamps_s: F64, priors: Priors, max_gap_s: float) -> I64:
     """(T,) number of the track that each of T tracks belongs to; equal numbers are one track.
 
     Both tracks are predicted to the middle of the gap, and all pairs are found in one assignment.
     """
-    count, courses = len(estimates), estimates.courses
-    out = np.arange(count)
-    gaps_s = stamps_s[courses.firsts][None] - stamps_s[courses.lasts][:, None]
-    first, second = np.nonzero((gaps_s > 0) & (gaps_s <= max_gap_s))
-    gap_s = gaps_s[first, second]
+    courses, out = estimates.courses, np.arange(len(estimates))
+    first, second = _within_reach(estimates, stamps_s, priors.lengths_m[estimates.class_ids], max_gap_s)
+    gap_s = stamps_s[courses.firsts[second]] - stamps_s[courses.lasts[first]]
     ends = estimates.motions.select((courses.starts[1:] - 1)[first])
     begins = estimates.motions.select(courses.starts[:-1][second])
     of_class = priors.select(estimates.class_ids[first])
@@ -45,22 +46,44 @@ def joined_over_gaps(estimates: Estimates, stamps_s: F64, priors: Priors, max_ga
     spread += np.eye(4) * ((EXTRA_SIGMA * of_class.lengths_m) ** 2)[:, None, None]
     distance = (difference * np.linalg.solve(spread, difference[..., None])[..., 0]).sum(1)
     speeds = np.maximum(np.abs(ends.states[:, SPEED]), np.abs(begins.states[:, SPEED]))
-    speeds = np.maximum(speeds, 0.2 * of_class.lengths_m)
+    speeds = np.maximum(speeds, MIN_REACH * of_class.lengths_m)
     reachable = np.linalg.norm(difference[:, :2], axis=1) <= of_class.lengths_m + 0.5 * gap_s * speeds
     size = np.log(np.linalg.det(spread[:, :2, :2])) - 4 * np.log(0.1 * of_class.lengths_m)
     differs = estimates.class_ids[first] != estimates.class_ids[second]
     costs = distance + OTHER_CLASS_COST * differs + GAP_COST * gap_s + size
-    matrix = np.zeros((count, count))
     fits = (distance <= MAX_DISTANCE) & reachable & (costs < MAX_COST)
-    matrix[first[fits], second[fits]] = costs[fits] - MAX_COST
+    earlier, row_of = np.unique(first[fits], return_inverse=True)
+    later, column_of = np.unique(second[fits], return_inverse=True)
+    matrix = np.zeros((len(earlier), len(later)))
+    matrix[row_of, column_of] = costs[fits] - MAX_COST
     rows, columns = assign(matrix)
     paired = matrix[rows, columns] < 0
     # Tracks are in the order of their first sighting, so the earlier one already has its number.
     for row, column in sorted(
-        zip(rows[paired].tolist(), columns[paired].tolist(), strict=True), key=lambda pair: pair[1]
+        zip(earlier[rows[paired]].tolist(), later[columns[paired]].tolist(), strict=True), key=lambda pair: pair[1]
     ):
         out[column] = out[row]
     return out
+
+
+def _within_reach(estimates: Estimates, stamps_s: F64, lengths_m: F64, max_gap_s: float) -> tuple[Indices, Indices]:
+    """Pairs of tracks, the second of which begins after the end of the first, where `joined_over_gaps` may join them.
+
+    Of all pairs in time, which doubtful tracks make by millions, few are near enough.
+    """
+    courses, states = estimates.courses, estimates.motions.states
+    begins, ends = states[courses.starts[:-1]], states[courses.starts[1:] - 1]
+    begins_s, ends_s = stamps_s[courses.firsts], stamps_s[courses.lasts]  # the former rise
+    slowest = np.maximum(np.abs(ends[:, SPEED]), MIN_REACH * lengths_m)
+    seconds = []
+    for track, after in enumerate(np.searchsorted(begins_s, ends_s, side="right").tolist()):
+        gaps_s = begins_s[after:] - ends_s[track]
+        gaps_s = gaps_s[gaps_s <= max_gap_s]
+        near = begins[after : after + len(gaps_s)]
+        away_m = np.hypot(*(near[:, :2] - ends[track, :2]).T)
+        reach_m = lengths_m[track] + 1.5 * gaps_s * np.maximum(slowest[track], np.abs(near[:, SPEED]))
+        seconds.append(after + np.flatnonzero(away_m <= reach_m))
+    return np.repeat(np.arange(len(seconds)), list(map(len, seconds))), np.concatenate([np.zeros(0, np.intp), *seconds])
 
 
 def _velocities(motions: Motions) -> tuple[F64, F64]:

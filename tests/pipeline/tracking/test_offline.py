@@ -1,3 +1,4 @@
+import tracemalloc
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -5,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tracked_scenes import BUS, CAR, PERIOD_S, PRIORS, TRUCK, Mover, circling, scene, straight
+from tracked_scenes import BUS, CAR, PERIOD_S, PRIORS, START_NS, TRUCK, Mover, circling, scene, straight
 
 from lidcam.pipeline.tracking.motion import HEADING, REAR_SHARE, SPEED
 from lidcam.pipeline.tracking.offline import OfflineTracker
@@ -195,3 +196,18 @@ def test_after_a_jump_of_time_all_tracks_are_new() -> None:
     frames = scene(CARS[:1], 30)
     rows = tracked([*frames[15:], *frames[:15]])
     assert ids(rows) == [[1]] * 15 + [[2]] * 15
+
+
+def test_memory_is_that_of_the_tracks_and_not_of_all_their_pairs() -> None:
+    """Twenty false objects a frame, each seen once."""
+    places = np.random.default_rng(1).uniform(-90, 90, (60, 20, 2))
+    frames = [
+        replace(scene([Mover(straight(x, y, 0, 0)) for x, y in row], 1)[0], stamp_ns=START_NS + index * 10**8)
+        for index, row in enumerate(places.tolist())
+    ]
+    tracemalloc.start()
+    try:
+        tracked(frames)
+        assert tracemalloc.get_traced_memory()[1] < 50e6
+    finally:
+        tracemalloc.stop()
