@@ -94,8 +94,7 @@ class Mistakes:
         before = self._open
         self._open = [mistake for mistake in before if frame.stamp_ns - mistake.last_ns <= MAX_PAUSE_NS]
         self._closed += [mistake for mistake in before if frame.stamp_ns - mistake.last_ns > MAX_PAUSE_NS]
-        for mistake in now:
-            self._join(mistake)
+        self._join(now, frame.stamp_ns)
 
     def worst(self, kind: Kind, count: int) -> list[Mistake]:
         """The worst mistakes of a kind, the worst first; of equal ones the earlier."""
@@ -140,29 +139,35 @@ class Mistakes:
         times_ns = stamp_ns, stamp_ns
         return Mistake(kind, class_id, track_id, weight, 1, *times_ns, center, severity, stamp_ns, center, named, box)
 
-    def _join(self, new: Mistake) -> None:
-        """Count an error of this frame with the mistake that it continues; it is a mistake of its own without one."""
-        known = [row for row, old in enumerate(self._open) if old.last_ns < new.last_ns and self._is_same(old, new)]
-        if not known:
-            self._open.append(new)
-            return
-        row = min(known, key=lambda row: (_gap_m(self._open[row], new), row))
-        old = self._open[row]
-        self._open[row] = replace(
-            new if new.severity > old.severity else old,
-            frames=old.frames + 1,
-            first_ns=old.first_ns,
-            last_ns=new.last_ns,
-            last_center=new.center,
-            weight=old.weight + new.weight,
-        )
+    def _join(self, now: list[Mistake], stamp_ns: int) -> None:
+        """Count each error of this frame with the nearest mistake that it continues; else it is one of its own."""
+        before = list(self._open)
+        keys = np.array([_key(old) for old in before], np.int64).reshape(-1, 3)
+        centers = np.array([old.last_center for old in before]).reshape(-1, 3)
+        are_free = np.array([old.last_ns < stamp_ns for old in before], np.bool_)
+        for new in now:
+            gaps_m = np.hypot(*(centers - new.center)[:, :2].T)
+            fits = are_free & (keys == _key(new)).all(1)
+            if _key(new)[-1] == UNKNOWN:
+                fits &= gaps_m <= self._criteria.position.limits[new.class_id]
+            if not fits.any():
+                self._open.append(new)
+                continue
+            row = int(np.where(fits, gaps_m, np.inf).argmin())
+            old, are_free[row] = before[row], False
+            self._open[row] = replace(
+                new if new.severity > old.severity else old,
+                frames=old.frames + 1,
+                first_ns=old.first_ns,
+                last_ns=new.last_ns,
+                last_center=new.center,
+                weight=old.weight + new.weight,
+            )
 
-    def _is_same(self, old: Mistake, new: Mistake) -> bool:
-        if (old.kind, old.class_id) != (new.kind, new.class_id):
-            return False
-        if new.kind == "missed" and (old.track_id, new.track_id) != (UNKNOWN, UNKNOWN):
-            return old.track_id == new.track_id
-        return bool(_gap_m(old, new) <= self._criteria.position.limits[new.class_id])
+
+def _key(one: Mistake) -> tuple[bool, int, int]:
+    """What two errors of one mistake have in common: those of one known true object may be at any distance."""
+    return one.kind == "missed", one.class_id, one.track_id if one.kind == "missed" else UNKNOWN
 
 
 def _cause(other: int, class_id: int, truth: TruthBoxes3D, matches: I32) -> Cause:
@@ -172,10 +177,6 @@ def _cause(other: int, class_id: int, truth: TruthBoxes3D, matches: I32) -> Caus
     if truth.class_ids[other] != class_id:
         return "class"
     return "second" if other in matches else "place"
-
-
-def _gap_m(old: Mistake, new: Mistake) -> float:
-    return float(np.hypot(*(new.center - old.last_center)[:2]))
 
 
 def _most_overlapped(pairs: Candidates, count: int) -> Indices:
