@@ -23,7 +23,7 @@ from lidcam.pipeline.evaluation.vans import Vans
 MAX_DISTANCE_M = 2.0
 """Distance from which on nothing is matched (nuScenes tracking task), for objects as long as a car."""
 
-BLOCK_FRAMES = 128
+BLOCK_FRAMES = 16
 
 
 class _Source:
