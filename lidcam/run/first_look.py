@@ -148,7 +148,7 @@ def _moved_text(recorded: LidarSensor, used: LidarSensor) -> str:
 
 
 def _corrected(camera: CameraSensor, found: list[TrackedPairs], source: RunInput) -> CameraSensor:
-    lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in source.rig.lidars])
+    lidar_xy = source.rig.lidar_xyz[:, :2]
     error = camera_error(join_rows(*found), camera, lidar_xy, source.config.fuse, FREE) if found else None
     return camera if error is None else error.applied_to(camera)
 

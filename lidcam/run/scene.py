@@ -252,7 +252,7 @@ def _extent_m(xyz_site: F32) -> tuple[float, float]:
 
 def _heights_m(xyz_site: F32, rig: Rig) -> F64 | None:
     """Height of each lidar above the ground, metres; None without a ground."""
-    origins: F64 = np.array([lidar.T_site_lidar.translation for lidar in rig.lidars])
+    origins = rig.lidar_xyz
     if rig.ground_height_m is not None:
         return origins[:, 2] - rig.ground_height_m
     plane = floor_of(xyz_site, origins)

@@ -204,7 +204,7 @@ class _Kept(RunObserver):
         return LabelledFrame(
             position,
             combined.detection_lidar_index,
-            from_middle(np.array([lidar.T_site_lidar.translation for lidar in self._rig.lidars])),
+            from_middle(self._rig.lidar_xyz),
             true._replace(points=points),
             circles[~counted],
             np.array(rules.region) - middle if isinstance(rules.region, tuple) else EVERYWHERE_M * SQUARE,

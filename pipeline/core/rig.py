@@ -173,6 +173,11 @@ class Rig:
             raise CalibrationError(f"{len(self.lidars)} lidars, expected at most {MAX_LIDARS}: see topics.exclude")
 
     @property
+    def lidar_xyz(self) -> F64:
+        """(L, 3) positions of the lidars in the site frame, metres."""
+        return np.array([lidar.T_site_lidar.translation for lidar in self.lidars], np.float64).reshape(-1, 3)
+
+    @property
     def counted_zones(self) -> tuple[Zone, ...]:
         """The zones in which objects are counted: an object belongs to the first one that contains its centre."""
         return tuple(zone for zone in self.zones if zone.use != "ignore")

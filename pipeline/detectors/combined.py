@@ -87,7 +87,7 @@ class CombinedDetector:
         self._network = self._fitted.network
         self._site_frame, self._min_score = rig.site_frame, config.detect3d.min_score
         self._near_weight = config.detect3d.near_weight
-        self._lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in rig.lidars]).reshape(-1, 2)
+        self._lidar_xy = rig.lidar_xyz[:, :2]
 
     def __call__(self, combined: CombinedCloud) -> Candidates3D:
         """Boxes of the network, fitted to their points, and clusters that have the direction of such a box."""

@@ -32,7 +32,7 @@ class Combine:
     def __init__(self, rig: Rig, config: CombineConfig) -> None:
         self._rig = rig
         self._config = config
-        self._lidar_origins_site = np.array([lidar.T_site_lidar.translation for lidar in rig.lidars])
+        self._lidar_origins_site = rig.lidar_xyz
 
     def __call__(self, bundle: SensorBundle, clouds: Mapping[str, PointCloud]) -> CombinedCloud:
         """The combined cloud of one frame.

@@ -43,7 +43,7 @@ class Detect3D:
             ModelError: a package that it needs is not installed, or a network or weights cannot be read.
         """
         self._site_frame = rig.site_frame
-        self._lidar_origins_site = np.array([s.T_site_lidar.translation for s in rig.lidars], np.float32).reshape(-1, 3)
+        self._lidar_origins_site = rig.lidar_xyz.astype(np.float32)
         min_score = config.detect3d.min_score
         min_people = min(min_score, MIN_SCORE_OF_PEOPLE) if has_2d_boxes and config.detect3d.has_network else min_score
         self._min_scores = np.array([min_people if prior.is_upright else min_score for prior in config.classes])

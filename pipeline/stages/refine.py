@@ -26,7 +26,7 @@ class Refine:
     """Refinement of the boxes of a frame."""
 
     def __init__(self, rig: Rig, config: FuseConfig) -> None:
-        self._lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in rig.lidars]).reshape(-1, 2)
+        self._lidar_xy = rig.lidar_xyz[:, :2]
         self._config = config
 
     def __call__(

@@ -32,7 +32,7 @@ class SightingsOf:
         """Make one for a rig and its classes; the lidars' boxes may not tell front from rear, as those of clusters."""
         self._site_frame, self._class_count = rig.site_frame, class_count
         self._lidars_show_front = lidars_show_front
-        self._lidars = np.array([lidar.T_site_lidar.matrix[:2, 3] for lidar in rig.lidars]).reshape(-1, 2)
+        self._lidars = rig.lidar_xyz[:, :2]
         self._T_fixed_site: F64 | None = None  # At the last frame
         self._T_fixed_recorded: F64 | None = None
 

@@ -192,7 +192,7 @@ class RigCheck:
         counts = len(pairs), len(np.unique(pairs.tracks))
         if coarse is not None:
             return CameraVerdict(camera, *counts, None, none, coarse)
-        lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in self._rig.lidars]).reshape(-1, 2)
+        lidar_xy = self._rig.lidar_xyz[:, :2]
         estimate = partial(camera_error, camera=camera, lidar_xy=lidar_xy, config=self._config.fuse)
         error = estimate(pairs)
         if error is None:

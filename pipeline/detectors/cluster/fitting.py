@@ -73,7 +73,7 @@ class BoxFitter:
     """
 
     def __init__(self, rig: Rig, classes: Sequence[ClassPrior], settings: ClusterConfig) -> None:
-        self._lidar_xyz = np.array([lidar.T_site_lidar.translation for lidar in rig.lidars]).reshape(-1, 3)
+        self._lidar_xyz = rig.lidar_xyz
         self._ground_height_m = rig.ground_height_m or 0.0
         self._settings = settings
         self._kinds = Kinds.of(classes)

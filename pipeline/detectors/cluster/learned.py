@@ -27,7 +27,7 @@ class FeatureFinder:
         """Raises ConfigError: see `kinds_of`."""
         self.members = kinds_of(config.classes)
         self._fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
-        self._lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in rig.lidars]).reshape(-1, 2)
+        self._lidar_xy = rig.lidar_xyz[:, :2]
 
     def __call__(self, combined: CombinedCloud, boxes: Boxes3D) -> F64:
         """(B, F) of `FEATURES`, for B boxes that were found by clustering in that cloud, at least one."""

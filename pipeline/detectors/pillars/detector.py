@@ -87,7 +87,7 @@ class PillarPoints:
 
     def __init__(self, rig: Rig, config: Config) -> None:
         self._fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
-        origins = np.array([lidar.T_site_lidar.translation[:2] for lidar in rig.lidars]).reshape(-1, 2)
+        origins = rig.lidar_xyz[:, :2]
         self.middle_xy: F64 = origins.mean(0) if len(origins) else np.zeros(2)
 
     def __call__(self, combined: CombinedCloud) -> F64:

@@ -56,7 +56,7 @@ class ObjectFitter:
 
     def __init__(self, rig: Rig, fitter: BoxFitter, config: ClusterConfig, classes: Sequence[ClassPrior]) -> None:
         self._fitter = fitter
-        self._lidar_xy = np.array([lidar.T_site_lidar.translation[:2] for lidar in rig.lidars]).reshape(-1, 2)
+        self._lidar_xy = rig.lidar_xyz[:, :2]
         self._config = config
         self._size = np.array([prior.size_m for prior in classes])
         self._max_size = np.array([prior.max_size_m for prior in classes])
