@@ -106,6 +106,9 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     extents, is_seen = boxes.sizes[:, :2], boxes.sources != Source.CAMERA.value
     scale = np.where(is_seen, config.lidar_sigma_scale**2, 1.0)
     known = known_covariances(boxes, lidar_xy) * scale[:, None, None]
+    # The 2D boxes that placed an object show its direction, and are measured again: only the size of its error counts.
+    placed = np.flatnonzero(~is_seen)
+    known[placed, :2, :2] = known[placed][:, [0, 1], [0, 1]].sum(1)[:, None, None] * np.eye(2)
     yaw_variances = known[:, 2, 2].clip(MIN_YAW_SIGMA_RAD**2, MAX_YAW_SIGMA_RAD**2)
     shrunk = np.ones((len(boxes), 3))
     shrunk[:, 2] = np.sqrt(yaw_variances / np.maximum(known[:, 2, 2], 1e-12))

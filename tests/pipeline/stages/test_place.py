@@ -5,20 +5,22 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 from detections import boxes2d, camera_rig
-from fusion_stages import place_of
+from fusion_stages import associate_of, place_of
 from helpers import shared
 from lidar_scene import combined
 from seen_boxes import Box, camera_at, seen_by, views_of
 
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud
-from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Source
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Source
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.fusion.projection import CameraArrays, project_edges, rounded_outline
 from lidcam.pipeline.stages.combine import Combine
 from lidcam.pipeline.stages.place import Place
+from lidcam.pipeline.stages.refine import Refine
 from lidcam.readers.rig.importers import kitti_calibration
 from lidcam.readers.truth.kitti import LEFT_COLOUR_CAMERA, parse_kitti_labels
 
@@ -62,6 +64,27 @@ def test_boxes_stand_on_the_ground_of_the_frame() -> None:
     found = place({"west": seen_by(WEST, [box], [CAR])}, WEST, cloud=cloud)
     assert found.centers[0, 2] == pytest.approx(0.1 * found.centers[0, 0] + 0.775)
     assert found.centers[0, 0] == pytest.approx(10.0, abs=1.5)
+
+
+def test_refined_placements_say_how_near_they_are() -> None:
+    # The 2D boxes that placed an object refine it, and are no second evidence of its direction.
+    random, squared = np.random.default_rng(0), list[float]()
+    camera = camera_at("cam", (0.0, 0.3, 1.6))
+    rig, views, arrays = camera_rig(camera), views_of(camera), CameraArrays.of([camera])
+    for _ in range(80):
+        size = np.array([CONFIG.classes[CAR].size_m]) * random.normal(1, [[0.13, 0.1, 0.1]]).clip(0.7, 1.4)
+        x, yaw = random.uniform(12, 40), random.uniform(-np.pi, np.pi, 1)
+        center = np.array([[x, random.uniform(-0.2, 0.2) * x, size[0, 2] / 2]])
+        xyxy = project_edges(center, size, yaw, arrays, rounded_outline(size, bent=False)).xyxy[0]
+        xyxy += random.normal(0, np.hypot(1.5, 0.04 * np.sqrt(np.prod(xyxy[2:] - xyxy[:2]))), 4)
+        seen = {"cam": boxes2d([(*xyxy, 0.8, CAR)])}
+        placed = place(seen, camera)
+        hypotheses = Hypotheses(placed, associate_of(rig)(placed, seen, views), 0)
+        found = Refine(rig, CONFIG.fuse)(hypotheses, seen, views).boxes
+        gap = found.centers[0, :2] - center[0, :2]
+        squared.append(gap @ np.linalg.solve(found.covariances[0, :2, :2], gap))
+    assert np.mean(squared) < 3.0  # 2 is expected
+    assert np.mean(np.array(squared) < 5.99) > 0.9
 
 
 def test_no_cameras_and_no_boxes() -> None:
