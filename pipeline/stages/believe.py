@@ -12,8 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, Bools
-from lidcam.pipeline.core.detections import Hypotheses
+from lidcam.pipeline.core.detections import Boxes3D, Hypotheses
 from lidcam.pipeline.core.frame import SensorBundle, own_motion
+from lidcam.pipeline.core.geometry.overlaps import overlap_shares
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.combine import MotionConfig
@@ -29,6 +30,9 @@ from lidcam.pipeline.fusion.belief.odds import (
     view_shares,
 )
 from lidcam.pipeline.fusion.belief.visibility import Visibility
+
+MAX_SHARED_GROUND = 0.5
+"""Maximum share of a vehicle's ground that is another's, for both to be there: estimates of neighbours may overlap."""
 
 
 class Believe:
@@ -86,7 +90,16 @@ class Believe:
         before = self._before_cameras(hypotheses, np.max(shares, axis=1, initial=0.0) * self._has_network)
         self._recall.learn(visibility, before, by_camera, FITTED)
         position = position_probability(boxes.covariances, self._radii_m[boxes.class_ids])
-        return probability(before + joined(evidence, FITTED)) * position
+        return self._exclusive(boxes, probability(before + joined(evidence, FITTED)) * position)
+
+    def _exclusive(self, boxes: Boxes3D, beliefs: F64) -> F64:
+        """The same, where of vehicles that share most of their ground one is there at most."""
+        vehicles = np.flatnonzero(~self._are_upright[boxes.class_ids])
+        vehicles = vehicles[np.argsort(-beliefs[vehicles], kind="stable")]
+        better, chosen = beliefs[vehicles], boxes.select(vehicles)
+        is_rival = np.triu(overlap_shares(chosen, chosen) > MAX_SHARED_GROUND, 1)
+        beliefs[vehicles] = np.minimum(better, 1 - (is_rival * better[:, None]).max(0, initial=0.0))
+        return beliefs
 
     def _before_cameras(self, hypotheses: Hypotheses, in_view: F64) -> F64:
         boxes = hypotheses.boxes

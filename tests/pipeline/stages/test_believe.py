@@ -22,6 +22,7 @@ CONFIG = Config()
 VIEW = forward_camera()
 RIG = camera_rig(VIEW)
 CAR = (20.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)
+BESIDE = (20.0, 5.0, 0.0, 4.0, 1.8, 1.5, 0.0)
 BEHIND = (-20.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)
 POINTS = combined(np.zeros((0, 3)))
 FRAME = SensorBundle(0, 1, 1, {})
@@ -44,7 +45,7 @@ def seen_in(found: Hypotheses, seen: Mapping[str, Boxes2D]) -> Visibility:
 
 
 def test_what_a_camera_confirms_what_nobody_looks_at_and_what_it_does_not_confirm() -> None:
-    boxes = boxes3d([CAR, CAR, BEHIND], scores=[0.2] * 3)
+    boxes = boxes3d([CAR, BESIDE, BEHIND], scores=[0.2] * 3)
     boxes = replace(boxes, point_counts=np.full(3, 50, np.int32))
     found = hypotheses(boxes, (0, 0))
     confirmed, doubted, unseen = believed(found, SEEN)
@@ -54,6 +55,14 @@ def test_what_a_camera_confirms_what_nobody_looks_at_and_what_it_does_not_confir
     assert without.tolist() == pytest.approx([unseen] * 3), "a camera without an entry did not look"
     silent = believed(hypotheses(boxes), NOTHING)
     assert silent[1] == pytest.approx(doubted), "an empty list is a look at nothing"
+
+
+def test_of_vehicles_on_one_ground_one_is_there() -> None:
+    rows = [BEHIND, (-21.0, 0.0, 0.0, 8.0, 2.5, 3.0, 0.0), (-23.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)]
+    boxes, given = boxes3d(rows, scores=[0.7, 0.8, 0.6]), Config(detect3d=Detect3DConfig(method="none"))
+    vehicles, people = (replace(boxes, class_ids=np.array(ids, np.int32)) for ids in ([0, 3, 0], [1, 1, 1]))
+    assert believed(hypotheses(vehicles), NOTHING, given).tolist() == pytest.approx([0.2, 0.8, 0.2], rel=0.01)
+    assert believed(hypotheses(people), NOTHING, given).tolist() == pytest.approx([0.7, 0.8, 0.6], rel=0.01)
 
 
 def test_a_blind_camera_takes_less_and_less_away() -> None:
