@@ -28,7 +28,7 @@ MAX_UNMATCHED = 500
 TOO_MANY = f"not among the {MAX_UNMATCHED} best without a 3D box in a frame"
 """Reason of an unmatched 2D box beyond `MAX_UNMATCHED`."""
 
-OUT_OF_VIEW = "outside of the image, or reaches beyond its lens model (as 90 degrees)"
+OUT_OF_VIEW = "outside of the image, straight below the camera, or reaches beyond its lens model (as 90 degrees)"
 """Reason of an unmatched 2D box whose edges have no rays."""
 
 TOO_VAGUE = "no lidar points there, and distance unknown"

@@ -96,7 +96,7 @@ class Placed(NamedTuple):
     sightings: Sightings  # The 2D boxes of all cameras
     objects: I64  # (P,) int64 row of `boxes` that each sighting belongs to
     placements: Placements  # Placement of its object by each sighting alone
-    out_of_view: int = 0  # Number of other 2D boxes, outside of the image or partly beyond the lens model
+    out_of_view: int = 0  # Number of other 2D boxes, which `see` leaves out
 
 
 class _Shape(NamedTuple):

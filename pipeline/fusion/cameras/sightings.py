@@ -56,6 +56,12 @@ class Sightings(Table):
     rays: F64
     T_camera_site: F64  # (P, 3, 4) float64 the site in the optical frame of the upright image, metres
 
+    @property
+    def headings(self) -> F64:
+        """(P, 2) unit vectors from the camera to the middle of each 2D box, seen from above."""
+        middle = self.rays[:, 3, :2] + self.rays[:, 7, :2]
+        return np.asarray(middle / np.maximum(np.hypot(middle[:, 0], middle[:, 1]), 1e-9)[:, None])
+
 
 class Noise(NamedTuple):
     """Standard deviations of the inputs of a placement."""
@@ -83,7 +89,11 @@ class Observed(NamedTuple):
 
 
 def see(views: Mapping[str, CameraSensor], boxes2d: Mapping[str, Boxes2D]) -> Sightings:
-    """The boxes of all cameras, but for those outside of the image or partly beyond its lens model."""
+    """The boxes of all cameras, but for those outside of the image, partly beyond its lens model, or below the camera.
+
+    A box that reaches around the point straight below the camera has no bearing, and its upper edge is not above its
+    lower one.
+    """
     found = FoundBoxes.of(boxes2d, tuple(views))
     rig = camera_arrays(tuple(views.values()))
     cameras = rig.select(found.cameras)
@@ -110,6 +120,8 @@ def see(views: Mapping[str, CameraSensor], boxes2d: Mapping[str, Boxes2D]) -> Si
         T_camera_site=TURNS[quarters] @ matrices,
     )
     is_visible = np.isfinite(xyxy).all(1) & np.asarray(sound.all(1)) & (xyxy[:, 2:] - xyxy[:, :2] >= MIN_PX).all(1)
+    ahead, up = (table.rays[..., :2] * table.headings[:, None]).sum(2), table.rays[..., 2]
+    is_visible &= (ahead > 0).all(1) & (up[:, 1] * ahead[:, 5] > up[:, 5] * ahead[:, 1])
     return table if is_visible.all() else table.select(np.flatnonzero(is_visible))
 
 

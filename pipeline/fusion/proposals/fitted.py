@@ -23,7 +23,6 @@ from lidcam.pipeline.fusion.proposals.frustums import (
     Expected,
     FrustumPoints,
     choose_segments,
-    heading_of,
     points_in_frustums,
 )
 
@@ -82,7 +81,7 @@ class ObjectFitter:
         )
 
     def _expected(self, sightings: Sightings, placements: Placements) -> Expected:
-        (xy, covariances), heading = mean_places(placements), heading_of(sightings)
+        (xy, covariances), heading = mean_places(placements), sightings.headings
         along = ((xy - sightings.origin[:, :2]) * heading).sum(1)
         variance = (heading[:, :, None] * covariances * heading[:, None, :]).sum((1, 2))
         size, max_size = self._size[sightings.class_ids], self._max_size[sightings.class_ids]

@@ -64,14 +64,8 @@ def points_in_frustums(xyz: F32, sightings: Sightings, min_m: F64, max_m: F64) -
     points = xyz.take(rows, 0).astype(np.float64)
     ahead = (rotations.take(group, 0) @ points[:, :, None])[..., 0] + translations.take(group, 0)
     share_x, share_y = ((ahead[:, :2] / ahead[:, 2:] - low.take(group, 0)) / (high - low).take(group, 0)).T
-    (x, y, _), (ahead_x, ahead_y) = (points - sightings.origin.take(group, 0)).T, heading_of(sightings).take(group, 0).T
+    (x, y, _), (ahead_x, ahead_y) = (points - sightings.origin.take(group, 0)).T, sightings.headings.take(group, 0).T
     return FrustumPoints(rows, group, share_x, share_y, x * ahead_x + y * ahead_y)
-
-
-def heading_of(sightings: Sightings) -> F64:
-    """(P, 2) unit vectors from the camera to the middle of each 2D box, seen from above."""
-    middle = sightings.rays[:, 3] + sightings.rays[:, 7]
-    return np.asarray(middle[:, :2] / np.maximum(np.hypot(middle[:, 0], middle[:, 1]), 1e-9)[:, None])
 
 
 def _sides(sightings: Sightings, low: F64, high: F64, min_m: F64, max_m: F64) -> F64:
@@ -81,7 +75,7 @@ def _sides(sightings: Sightings, low: F64, high: F64, min_m: F64, max_m: F64) ->
     """
     right, down, ahead = sightings.T_camera_site.transpose(1, 0, 2)
     level = np.zeros((len(sightings), 4))
-    level[:, :2] = heading_of(sightings)
+    level[:, :2] = sightings.headings
     level[:, 3] = -(level[:, :2] * sightings.origin[:, :2]).sum(1)
     end = np.array([0.0, 0.0, 0.0, 1.0])
     planes = [

@@ -87,6 +87,17 @@ def test_refined_placements_say_how_near_they_are() -> None:
     assert np.mean(np.array(squared) < 5.99) > 0.9
 
 
+@pytest.mark.parametrize(("pitch_deg", "least"), [(60.0, 20), (75.0, 8), (85.0, 2), (89.9, 0)])
+def test_a_camera_that_looks_down_places_what_is_not_around_the_point_below_it(pitch_deg: float, least: int) -> None:
+    random, camera = np.random.default_rng(1), camera_at("cam", (0.0, 0.0, 7.0), pitch_deg=pitch_deg)
+    cars = random.uniform([-2, -2, 0.775, 4, 1.7, 1.55, -3], [2, 2, 0.775, 4, 1.7, 1.55, 3], (20, 7))
+    cars[:, 0] += 7 / np.tan(np.radians(pitch_deg))
+    found = [place({"cam": seen_by(camera, [(*car.tolist(),)], [CAR])}, camera) for car in cars]
+    far_m = [np.abs(one.centers[0, :2] - car[:2]).max() for one, car in zip(found, cars, strict=True) if len(one)]
+    assert len(far_m) >= least
+    assert max(far_m, default=0.0) < 2.0, "metres, not kilometres"
+
+
 def test_no_cameras_and_no_boxes() -> None:
     assert len(place({})) == 0
     assert len(place({}, WEST)) == 0
