@@ -74,7 +74,7 @@ MAX_LINES = {
     "pipeline/native": (3540, 0),
     "pipeline/parallel": (960, 590),
     "pipeline/stages": (3140, 3290),
-    "pipeline/tracking": (2220, 1030),
+    "pipeline/tracking": (2250, 1040),
     "readers": (860, 520),
     "readers/files": (3430, 1940),
     "readers/messages": (3140, 2510),

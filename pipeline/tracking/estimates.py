@@ -14,11 +14,14 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Table, first_of_runs
 from lidcam.pipeline.tracking.motion import HEADING, SPEED, STATE, TURN, Motions, Priors, at_centers, at_rear_axles
 from lidcam.pipeline.tracking.sightings import (
+    FORWARD_LOG_ODDS,
+    FRONT_PRIOR_VOTES,
     MIN_FRONT_TRAVEL,
     NO_AXIS_VARIANCE,
     SHARED_ERROR,
     Scene,
     Sightings,
+    forward_log_odds,
     measurement_covariances,
     size_weights,
 )
@@ -46,9 +49,6 @@ them."""
 MAX_LENGTH_RATIO = 1.5
 """Maximum ratio of the length of another class, whose boxes count for the size of a track, to that of its class: in
 some frames a lorry is a bus. Boxes of shorter classes are parts."""
-
-FRONT_PRIOR_VOTES = 0.5
-"""Votes for each end before any box (Jeffreys' prior of a share)."""
 
 MIN_LANE_BELIEF = 0.5
 """Minimum mean probability of a track that defines a lane, over all of its frames: a track that steps from one parked
@@ -322,9 +322,12 @@ def _fronts(
     log_odds[parked] += LANE_FRONT_LOG_ODDS * np.nan_to_num(np.sign(np.cos(lanes - first[parked, HEADING])))
     before = np.sign(np.cos(first[:, HEADING] - np.nan_to_num(history.headings)))
     log_odds += before * history.front_log_odds
-    turned = np.where(stays, log_odds < 0, along_m < 0)
-    turned = np.where(history.fronts_known, before < 0, turned)
-    known = history.fronts_known | (np.abs(along_m) > MIN_FRONT_TRAVEL * of_class.scales_m)
+    # Cars may reverse out of a parking space, against what their boxes show.
+    moved = np.where(stays, 0.0, forward_log_odds(np.asarray(along_m, np.float64), of_class.scales_m))
+    shown = moved + np.where(stays | (of_class.are_solid & of_class.show_axis), log_odds, 0.0)
+    turned = np.where(history.fronts_known, before < 0, shown < 0)
+    is_far = np.abs(along_m) > MIN_FRONT_TRAVEL * of_class.scales_m
+    known = history.fronts_known | (is_far & (np.abs(shown) > FORWARD_LOG_ODDS))
     return turned, known, np.where(turned, -log_odds, log_odds)
 
 

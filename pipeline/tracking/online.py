@@ -33,6 +33,8 @@ from lidcam.pipeline.tracking.motion import (
     with_possible_turns,
 )
 from lidcam.pipeline.tracking.sightings import (
+    FORWARD_LOG_ODDS,
+    FRONT_PRIOR_VOTES,
     MIN_FRONT_TRAVEL,
     MIN_MEASUREMENTS,
     NOT_SEEN,
@@ -40,9 +42,11 @@ from lidcam.pipeline.tracking.sightings import (
     FrameSightings,
     Sightings,
     TrackRows,
+    forward_log_odds,
     measurement_covariances,
     size_weights,
 )
+from lidcam.pipeline.tracking.smoothing import FRAME_CORRELATION
 
 MAX_DISTANCE = 16.0
 """Maximum squared Mahalanobis distance in x and y of an assigned sighting that the frame by itself reports."""
@@ -270,15 +274,18 @@ class OnlineTracker:
         return replace_rows(live, tracks, seen)
 
     def _with_fronts(self, live: _Live) -> _Live:
-        """Turn tracks that drive backwards all the time, and those not known to move that most boxes show turned round.
+        """Turn tracks that drive backwards, against few boxes, and those that did not move and most boxes show so.
 
         Once the front is known, positions are those of the rear axles.
         """
         lengths = live.sizes[:, 0]
         min_travel_m = MIN_FRONT_TRAVEL * np.minimum(lengths, self._priors.scales_m[live.class_ids])
         moved = np.abs(live.along_m) > min_travel_m
-        known = live.fronts_known | moved
-        turned = np.where(known, moved & (live.along_m < 0), live.front_votes < 0)
+        votes = np.abs(live.front_votes) / FRAME_CORRELATION / FRONT_PRIOR_VOTES
+        shown = np.where(self._priors.are_solid[live.class_ids], np.sign(live.front_votes) * np.log1p(votes), 0.0)
+        shown = shown + forward_log_odds(live.along_m, self._priors.scales_m[live.class_ids])
+        known = live.fronts_known | (moved & (np.abs(shown) > FORWARD_LOG_ODDS))
+        turned = np.where(moved, shown < 0, ~live.fronts_known & (live.front_votes < 0))
         if not turned.any() and not (known & ~live.fronts_known).any():
             return live
         centers = at_centers(live.motions, live.rear_m)

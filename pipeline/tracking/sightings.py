@@ -26,6 +26,15 @@ MIN_MEASUREMENTS = 3
 MIN_FRONT_TRAVEL = 0.75
 """Minimum travel, in motion scales, before it defines the front; boxes of few points wander by half a length."""
 
+FRONT_PRIOR_VOTES = 0.5
+"""Votes for each end before any box (Jeffreys' prior of a share)."""
+
+FORWARD_LOG_ODDS = 1.5
+"""Log odds that a vehicle that moved a little went forwards: one of five such movements is out of a parking space."""
+
+MEAN_REVERSE_TRAVEL = 1.5
+"""Mean travel in reverse, in motion scales."""
+
 UNKNOWN_SIGMA = 0.05
 """Standard deviation of the position of boxes without covariance, as a share of the class length."""
 
@@ -182,3 +191,8 @@ def _extent_sigmas_m(sightings: Sightings) -> F64:
     levers = np.maximum(np.abs(sightings.sides) / 2, MIN_ANCHOR)
     sigmas_m = np.sqrt(variances - variances.min(1, keepdims=True)) / levers
     return np.asarray(np.clip(sigmas_m, SEEN_SIZE_SIGMA * extents, MAX_SIZE_SIGMA * extents))
+
+
+def forward_log_odds(along_m: F64, scales_m: F64) -> F64:
+    """(N,) log odds that the front is where the heading points, of vehicles that moved along it by `along_m` (N,)."""
+    return np.sign(along_m) * (FORWARD_LOG_ODDS + np.abs(along_m) / (MEAN_REVERSE_TRAVEL * scales_m))

@@ -88,6 +88,12 @@ def test_the_front_is_where_it_goes_from_the_first_frame_on() -> None:
     assert all(row.states[0, SPEED] > 0 for row in rows)
 
 
+@pytest.mark.parametrize(("seconds", "front"), [(4, 0.3), (40, 0.3 - np.pi)])
+def test_a_car_may_reverse_a_little_against_what_all_boxes_show(seconds: int, front: float) -> None:
+    rows = tracked(scene([Mover(straight(0, 0, 0.3, -2.0))], 10 * seconds))
+    assert all(abs(row.states[0, HEADING] - front) < 0.1 for row in rows)
+
+
 def test_what_stands_has_one_pose_and_no_front() -> None:
     rows = tracked(scene(CARS[2:], 40, noise_m=0.1))
     places = np.array([row.states[0, :3] for row in rows])

@@ -37,6 +37,12 @@ def test_boxes_that_are_turned_round_do_not_turn_the_track() -> None:
     assert all(row.states[0, SPEED] > 0 for row in rows[10:])
 
 
+def test_a_car_that_reverses_a_little_keeps_its_front() -> None:
+    rows = tracked(scene([Mover(lambda t: (-1.5 * max(t - 2.0, 0.0), 0.0, 0.0))], 50))
+    assert all(abs(row.states[0, HEADING]) < 0.2 for row in rows)
+    assert all(row.states[0, SPEED] < -1.0 for row in rows[30:])
+
+
 def test_boxes_that_do_not_show_the_front_do_not_choose_it() -> None:
     frames = scene([Mover(straight(0, 0, 0, 0), turned=lambda index: index > 4)], 20)
     for one in frames[5:]:
