@@ -322,7 +322,7 @@ def _fronts(
     log_odds[parked] += LANE_FRONT_LOG_ODDS * np.nan_to_num(np.sign(np.cos(lanes - first[parked, HEADING])))
     before = np.sign(np.cos(first[:, HEADING] - np.nan_to_num(history.headings)))
     log_odds += before * history.front_log_odds
-    # Cars may reverse out of a parking space, against what their boxes show.
+    # A car may reverse out of a parking space: over a short way, its boxes may outweigh the motion.
     moved = np.where(stays, 0.0, forward_log_odds(np.asarray(along_m, np.float64), of_class.scales_m))
     shown = moved + np.where(stays | (of_class.are_solid & of_class.show_axis), log_odds, 0.0)
     turned = np.where(history.fronts_known, before < 0, shown < 0)

@@ -274,7 +274,7 @@ class OnlineTracker:
         return replace_rows(live, tracks, seen)
 
     def _with_fronts(self, live: _Live) -> _Live:
-        """Turn tracks that drive backwards, against few boxes, and those that did not move and most boxes show so.
+        """Turn tracks that seem to drive backwards, and those that have not moved if most boxes show them turned round.
 
         Once the front is known, positions are those of the rear axles.
         """

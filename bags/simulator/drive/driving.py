@@ -84,7 +84,7 @@ class TerminalKeys:
         """End the input."""
         self._ended = True
 
-    def pressed(self, now_ns: int) -> Pressed:  # noqa: ARG002
+    def pressed(self, now_ns: int) -> Pressed:  # noqa: ARG002  # as of a script, which goes by it
         """The keys since the last call."""
         self._read(0.0)
         keys, self._keys = self._keys, ""

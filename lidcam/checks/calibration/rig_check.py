@@ -121,13 +121,11 @@ class CameraVerdict(NamedTuple):
     @property
     def corrected(self) -> CameraSensor:
         """The camera without its significant errors; without any, the camera as recorded."""
-        done = np.array(self.camera.fit.corrected)
+        left = np.zeros(7)
         if not self.is_corrected:
-            left = -done
-        elif self.error is None or not self.significant.any():
-            return self.camera
-        else:
-            left = self.error.values - done * (self.error.sigmas > 0)
+            left = -np.array(self.camera.fit.corrected)
+        elif self.error is not None and self.significant.any():
+            left = self.error.values - np.array(self.camera.fit.corrected) * (self.error.sigmas > 0)
         if not left.any():
             return self.camera
         pose = replace(self.camera.T_camera_site, matrix=motion(left) @ self.camera.T_camera_site.matrix)

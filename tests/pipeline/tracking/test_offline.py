@@ -89,7 +89,7 @@ def test_the_front_is_where_it_goes_from_the_first_frame_on() -> None:
 
 
 @pytest.mark.parametrize(("seconds", "front"), [(4, 0.3), (40, 0.3 - np.pi)])
-def test_a_car_may_reverse_a_little_against_what_all_boxes_show(seconds: int, front: float) -> None:
+def test_a_car_that_reverses_a_little_keeps_the_front_that_all_boxes_show(seconds: int, front: float) -> None:
     rows = tracked(scene([Mover(straight(0, 0, 0.3, -2.0))], 10 * seconds))
     assert all(abs(row.states[0, HEADING] - front) < 0.1 for row in rows)
 
