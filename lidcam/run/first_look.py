@@ -148,8 +148,8 @@ def _moved_text(recorded: LidarSensor, used: LidarSensor) -> str:
 
 
 def _corrected(camera: CameraSensor, found: list[TrackedPairs], source: RunInput) -> CameraSensor:
-    lidar_xy = source.rig.lidar_xyz[:, :2]
-    error = camera_error(join_rows(*found), camera, lidar_xy, source.config.fuse, FREE) if found else None
+    lidar_xyz = source.rig.lidar_xyz
+    error = camera_error(join_rows(*found), camera, lidar_xyz, source.config.fuse, FREE) if found else None
     return camera if error is None else error.applied_to(camera)
 
 

@@ -65,9 +65,6 @@ NOISE_FREEDOM = 4.0
 NOISE_CORRELATION = 4.0
 """Number of consecutive pairs of a track with the information of one."""
 
-HEIGHT_SIGMA = 0.07
-"""Standard deviation of the height of a box, as a share of it."""
-
 GROUND_SIGMA = 0.02
 """Standard deviation of the z of a box's underside, as a share of its height."""
 
@@ -140,20 +137,20 @@ class CameraError:
 
 
 def camera_error(
-    pairs: TrackedPairs, camera: CameraSensor, lidar_xy: F64, config: FuseConfig, free: Bools | None = None
+    pairs: TrackedPairs, camera: CameraSensor, lidar_xyz: F64, config: FuseConfig, free: Bools | None = None
 ) -> CameraError | None:
     """The errors of a camera; None if there are too few pairs to judge it.
 
     Args:
         pairs: Pairs of this camera.
         camera: As calibrated.
-        lidar_xy: (L, 2) positions of the lidars in the site frame, metres.
+        lidar_xyz: (L, 3) positions of the lidars in the site frame, metres.
         config: Outline of objects and uncertainty of boxes.
         free: (7,) values that may differ from zero; None: all.
     """
     if not _has_enough(pairs.tracks):
         return None
-    fit = _Fit(pairs, camera, lidar_xy, config)
+    fit = _Fit(pairs, camera, lidar_xyz, config)
     is_free = np.ones(7, np.bool_) if free is None else free
     fit.prior[:7][~is_free] = FIXED_INFORMATION
     values = np.zeros(fit.count)
@@ -202,7 +199,7 @@ def _seen_sides(pairs: TrackedPairs) -> I64:
 class _Fit:
     """The least-squares problem of a camera: its pairs, and everything that does not depend on its error."""
 
-    def __init__(self, pairs: TrackedPairs, camera: CameraSensor, lidar_xy: F64, config: FuseConfig) -> None:
+    def __init__(self, pairs: TrackedPairs, camera: CameraSensor, lidar_xyz: F64, config: FuseConfig) -> None:
         self._pairs, n = pairs, len(pairs)
         self._cameras = CameraArrays.of([camera]).select(np.zeros(n, np.int64))
         self._T_camera_site = camera.T_camera_site.matrix
@@ -213,13 +210,13 @@ class _Fit:
         self._config = config
         self.noise = [(config.pixel_sigma_px, config.outline_sigma)] * 2
         self._habits = excess_slopes(extent)
-        self._box_covariances = self._covariances_of_boxes(lidar_xy, config)
+        self._box_covariances = self._covariances_of_boxes(lidar_xyz, config)
         self.size_m = float(np.median(np.sqrt(pairs.sizes[:, :2].prod(1))))
         of_pose = [ROTATION_SIGMA_RAD] * 3 + [TRANSLATION_SIGMA * self.size_m] * 3 + [TIME_SIGMA_S]
         self.prior = 1 / np.array([*of_pose, *[HABIT_SIGMA] * 3, HABIT_SIGMA_PX]) ** 2
         self.count = len(self.prior)
 
-    def _covariances_of_boxes(self, lidar_xy: F64, config: FuseConfig) -> F64:
+    def _covariances_of_boxes(self, lidar_xyz: F64, config: FuseConfig) -> F64:
         """(P, 7, 7) covariances of the boxes over `projection.PARAMETERS`."""
         pairs, n = self._pairs, len(self._pairs)
         boxes = Boxes3D(
@@ -236,10 +233,10 @@ class _Fit:
             measured_ns=np.zeros(n, np.int64),
         )
         covariances = np.zeros((n, 7, 7))
-        covariances[:, :5, :5] = box_prior(boxes, lidar_xy, config).covariances[:, :5, :5]
+        covariances[:, :6, :6] = box_prior(boxes, lidar_xyz, config).covariances[:, :6, :6]
         covariances[:, :2, :2] += pairs.velocity_covariances * pairs.later_s[:, None, None] ** 2
-        height = (HEIGHT_SIGMA * pairs.sizes[:, 2]) ** 2
-        covariances[:, 5, 5], covariances[:, 5, 6], covariances[:, 6, 5] = height, height / 2, height / 2
+        height = covariances[:, 5, 5]
+        covariances[:, 5, 6] = covariances[:, 6, 5] = height / 2
         covariances[:, 6, 6] = height / 4 + (GROUND_SIGMA * pairs.sizes[:, 2]) ** 2
         return covariances
 

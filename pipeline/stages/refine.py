@@ -1,9 +1,9 @@
 """Refinement: boxes fitted to the 2D boxes of all cameras that see them.
 
-Position, heading, length and width of a matched box are estimated from its prior and the edges of its 2D boxes
+Position, heading and size of a matched box are estimated from its prior and the edges of its 2D boxes
 (`lidcam.pipeline.fusion.refining`), with their covariance. `measured_ns` moves towards the images as far as the
 position comes from them. A box without a match, or not wholly in view, stays as it is; fits that do not improve the
-match, or move too far, are rejected. Height, z, score and class stay.
+match, or move too far, are rejected. Underside, score and class stay.
 """
 
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ class Refine:
     """Refinement of the boxes of a frame."""
 
     def __init__(self, rig: Rig, config: FuseConfig) -> None:
-        self._lidar_xy = rig.lidar_xyz[:, :2]
+        self._lidar_xyz = rig.lidar_xyz
         self._config = config
 
     def __call__(
@@ -52,16 +52,17 @@ class Refine:
         is_first = first_of_runs(edges.rows)
         objects = edges.rows[is_first]
         chosen, edges = boxes.select(objects), replace(edges, rows=np.cumsum(is_first) - 1)
-        prior = box_prior(chosen, self._lidar_xy, self._config)
+        prior = box_prior(chosen, self._lidar_xyz, self._config)
         found = refine_boxes(chosen, prior, edges, outline)
         taken = found.accepted & better_turned(objects, found, turned_of)
         rows = turned_of[objects[taken]]
         before = hypotheses.boxes.select(rows)
+        undersides_m = before.centers[:, 2] - before.sizes[:, 2] / 2
         by_camera = before.sources == Source.CAMERA.value
         refined = replace(
             before,
-            centers=np.column_stack([found.centers_xy[taken], before.centers[:, 2]]),
-            sizes=np.column_stack([found.lengths_widths[taken], before.sizes[:, 2]]),
+            centers=np.column_stack([found.centers_xy[taken], undersides_m + found.sizes[taken, 2] / 2]),
+            sizes=found.sizes[taken],
             yaws=wrap_angle(found.yaws[taken]),
             covariances=found.covariances[taken],
             sources=np.where(by_camera, before.sources, np.uint8(Source.BOTH.value)),

@@ -190,8 +190,7 @@ class RigCheck:
         counts = len(pairs), len(np.unique(pairs.tracks))
         if coarse is not None:
             return CameraVerdict(camera, *counts, None, none, coarse)
-        lidar_xy = self._rig.lidar_xyz[:, :2]
-        estimate = partial(camera_error, camera=camera, lidar_xy=lidar_xy, config=self._config.fuse)
+        estimate = partial(camera_error, camera=camera, lidar_xyz=self._rig.lidar_xyz, config=self._config.fuse)
         error = estimate(pairs)
         if error is None:
             return CameraVerdict(camera, *counts, None, none, None)

@@ -9,7 +9,7 @@ from lidcam.pipeline.core.detections import Boxes3D, Source
 from lidcam.pipeline.core.geometry.boxes import rotations_2d
 from lidcam.pipeline.core.settings.fuse import FuseConfig
 
-STATES = ("x", "y", "yaw", "length", "width", "speed along", "speed across")
+STATES = ("x", "y", "yaw", "length", "width", "height", "speed along", "speed across")
 """Order of the state: metres, radians, metres per second along the axes of the box."""
 
 UNKNOWN_SIGMA = 0.1
@@ -42,6 +42,16 @@ SEEN_SIZE_SIGMA = 0.03
 CLASS_SIZE_SIGMA = 0.1
 """Standard deviation of length and width taken from the class, as a share of them."""
 
+HIDDEN_TOP_SIGMA = 0.08
+"""Standard deviation of the height of a box onto whose top no lidar looks down, as a share of it: the top is between
+two beams, or above all of them."""
+
+SEEN_TOP_SIGMA = 0.02
+"""Standard deviation of the height of a box whose top a lidar sees from above, as a share of it."""
+
+SEEN_TOP_RAD = np.deg2rad(5.0)
+"""Minimum angle at which a lidar looks down on a top that it sees from above, radians."""
+
 MAX_EXPLAINED = 0.95
 """Maximum share of the variance of the centre that comes from an unknown length or width."""
 
@@ -66,8 +76,8 @@ class BoxPrior(NamedTuple):
     the box follows the apparent yaw by a share.
     """
 
-    covariances: F64  # (N, 7, 7) float64
-    information: F64  # (N, 7, 7) float64, their inverses
+    covariances: F64  # (N, 8, 8) float64
+    information: F64  # (N, 8, 8) float64, their inverses
     yaw_shares: F64  # (N,) float64 in [0, 1], share by which the yaw of a box follows the apparent one
     yaw_rests: F64  # (N,) float64, variance of the yaw of a box given the apparent one, rad^2
 
@@ -91,7 +101,7 @@ def known_covariances(boxes: Boxes3D, lidar_xy: F64) -> F64:
     return np.where(is_known[:, None, None], boxes.covariances, guess)
 
 
-def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
+def box_prior(boxes: Boxes3D, lidar_xyz: F64, config: FuseConfig) -> BoxPrior:
     """The distributions of boxes.
 
     A box whose far side no lidar saw has the length of its class, and grows away from the lidars: if it is longer, its
@@ -100,9 +110,10 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
 
     Args:
         boxes: N boxes.
-        lidar_xy: (L, 2) positions of the lidars, metres.
+        lidar_xyz: (L, 3) positions of the lidars, metres.
         config: `lidar_sigma_scale`, for boxes that the lidars see.
     """
+    lidar_xy = lidar_xyz[:, :2]
     extents, is_seen = boxes.sizes[:, :2], boxes.sources != Source.CAMERA.value
     scale = np.where(is_seen, config.lidar_sigma_scale**2, 1.0)
     known = known_covariances(boxes, lidar_xy) * scale[:, None, None]
@@ -133,18 +144,28 @@ def box_prior(boxes: Boxes3D, lidar_xy: F64, config: FuseConfig) -> BoxPrior:
     shared = np.where(anchors * shared > left, max_shared, shared)
     pose[:, :2, :2] -= (turn * too_wide[:, None]) @ turn.swapaxes(1, 2)
 
-    covariances = np.zeros((len(boxes), 7, 7))
+    covariances = np.zeros((len(boxes), 8, 8))
     covariances[:, :3, :3] = pose
     covariances[:, :2, 3:5] = -turn * shared[:, None]
     covariances[:, 3:5, :2] = covariances[:, :2, 3:5].swapaxes(1, 2)
     covariances[:, [3, 4], [3, 4]] = sizes
+    heights = np.where(is_seen, _height_sigmas(boxes, lidar_xyz), CLASS_SIZE_SIGMA)
+    covariances[:, 5, 5] = (heights * boxes.sizes[:, 2]) ** 2
     speed = SPEED_SIGMA_PER_S * np.sqrt(extents.prod(1))
-    covariances[:, 5, 5], covariances[:, 6, 6] = speed**2, (speed * extents.min(1) / extents.max(1)) ** 2
+    covariances[:, 6, 6], covariances[:, 7, 7] = speed**2, (speed * extents.min(1) / extents.max(1)) ** 2
     covariances[:, 2, 2] += HEADING_SIGMA_RAD**2
     yaw_shares = yaw_variances / covariances[:, 2, 2]
     return BoxPrior(
         covariances, np.asarray(np.linalg.inv(covariances), np.float64), yaw_shares, yaw_variances * (1 - yaw_shares)
     )
+
+
+def _height_sigmas(boxes: Boxes3D, lidar_xyz: F64) -> F64:
+    """(N,) standard deviations of the heights of boxes that lidars see, as shares of them."""
+    above_m = lidar_xyz[:, 2] - (boxes.centers[:, 2:] + boxes.sizes[:, 2:] / 2)
+    away_m = np.linalg.norm(lidar_xyz[:, :2] - boxes.centers[:, None, :2], axis=2)
+    down_rad = np.arctan2(above_m, away_m).max(1, initial=0.0)
+    return np.asarray(np.interp(down_rad, [0.0, SEEN_TOP_RAD], [HIDDEN_TOP_SIGMA, SEEN_TOP_SIGMA]))
 
 
 def _free_variances(pose: F64, turn: F64) -> F64:

@@ -1,12 +1,13 @@
 """Boxes fitted to the edges of 2D boxes: a small robust least-squares problem for each, all of them at once.
 
-The unknowns are x, y, yaw, length and width of a box, and its speed where the images were taken at another time than
-the cloud. The prior is the box with its covariance; the residuals are the differences between the edges of its 2D boxes
-and those of its projection. At a fixed yaw the edges are almost linear in the other unknowns, but not in the yaw: when
-another corner becomes the outermost, the slope changes its sign, and there may be several minima. So some yaws around
-the prior are tried, the other unknowns are solved for each by Gauss-Newton steps, and the solutions are averaged by
-their probabilities (Laplace's approximation of the integral). This is done twice, the second time around the first
-average. The mean of the distribution errs less than its mode, and its covariance shows when two headings fit alike.
+The unknowns are x, y, yaw and size of a box, which keeps its underside, and its speed where the images were taken at
+another time than the cloud. The prior is the box with its covariance; the residuals are the differences between the
+edges of its 2D boxes and those of its projection. At a fixed yaw the edges are almost linear in the other unknowns, but
+not in the yaw: when another corner becomes the outermost, the slope changes its sign, and there may be several minima.
+So some yaws around the prior are tried, the other unknowns are solved for each by Gauss-Newton steps, and the solutions
+are averaged by their probabilities (Laplace's approximation of the integral). This is done twice, the second time
+around the first average. The mean of the distribution errs less than its mode, and its covariance shows when two
+headings fit alike.
 
 Residuals have Cauchy weights (iteratively reweighted), so that a wrong 2D box does little harm.
 
@@ -45,7 +46,7 @@ MAX_SQUARED_STEP = 16.27
 """Maximum squared step in standard deviations of the prior: 99.9 % for three degrees of freedom."""
 
 MIN_SIZE, MAX_SIZE = 0.5, 1.5
-"""Bounds of a refined length and width, as shares of the prior's."""
+"""Bounds of refined sizes, as shares of the prior's."""
 
 EIGHTH_TURN_SIGMA_RAD = np.pi / 2 / np.sqrt(12.0)
 """Standard deviation of a heading that is within an eighth of a turn, radians."""
@@ -58,7 +59,7 @@ TURNED_COST = 2 * np.log(1 / TURNED_SHARE - 1)
 """Cost of a turned box, as twice a negative log likelihood."""
 
 _YAW = 2
-_REST = np.array([0, 1, 3, 4, 5, 6])
+_REST = np.array([0, 1, 3, 4, 5, 6, 7])
 """Rows of `box_prior.STATES` that are solved at a fixed yaw."""
 
 
@@ -67,7 +68,7 @@ class RefinedBoxes(NamedTuple):
 
     centers_xy: F64  # (N, 2) float64 metres
     yaws: F64  # (N,) float64 radians
-    lengths_widths: F64  # (N, 2) float64 metres
+    sizes: F64  # (N, 3) float64 metres; the undersides stay
     covariances: F64  # (N, 3, 3) float64 over x, y and yaw
     later_s: F64  # (N,) float64 time of the refined box after that of the prior, seconds
     # (N,) whether the result explains the images better than the prior, and is not too far from it; else the row is
@@ -87,7 +88,7 @@ class _Problem(NamedTuple):
     turn_of_pair: F64  # (P, 2, 2) the same for the box of each pair
     starts: Indices  # (N,) first pair of each box
     near: Bools  # (P, 1, 4) whether each edge may be the border of the image
-    known: F64  # (N, 1, 6, 6) information of the prior over all states but the yaw
+    known: F64  # (N, 1, 7, 7) information of the prior over all states but the yaw
 
     @classmethod
     def of(cls, boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline: Outline) -> Self:
@@ -101,21 +102,23 @@ class _Problem(NamedTuple):
         """The edges of the boxes in some states, at the times of the images.
 
         Args:
-            states: (N, K, 7) in the order of `STATES`, less the prior's.
+            states: (N, K, 8) in the order of `STATES`, less the prior's.
 
         Returns:
-            (P, K, 4) edges, pixels, and (P, K, 4, 7) their derivatives by `projection.PARAMETERS`.
+            (P, K, 4) edges, pixels, and (P, K, 4, 6) their derivatives by the states but the speed.
         """
         boxes, edges, rows = self.boxes, self.edges, self.edges.rows
         at_pairs, pairs = states[rows], np.arange(len(rows)).repeat(states.shape[1])
-        moved = at_pairs[..., 5:] @ self.turn_of_pair.swapaxes(1, 2) * edges.later_s[:, None, None]
+        moved = at_pairs[..., 6:] @ self.turn_of_pair.swapaxes(1, 2) * edges.later_s[:, None, None]
         centers, sizes, yaws = (values.take(rows[pairs], 0) for values in (boxes.centers, boxes.sizes, boxes.yaws))
         centers[:, :2] += (at_pairs[..., :2] + moved).reshape(len(pairs), 2)
-        extent, more = sizes[:, :2], at_pairs[..., 3:5].reshape(len(pairs), 2)
-        sizes[:, :2] = np.minimum(np.maximum(extent + more, MIN_SIZE * extent), MAX_SIZE * extent)
+        before, sizes = sizes, _resized(sizes, at_pairs[..., 3:6].reshape(len(pairs), 3))
+        centers[:, 2] += (sizes[:, 2] - before[:, 2]) / 2
         yaws += at_pairs[..., _YAW].reshape(len(pairs))
         found = project_edges(centers, sizes, yaws, edges.cameras, self.outline, rows=pairs)
-        return found.xyxy.reshape(*moved.shape[:2], 4), found.jacobian.reshape(*moved.shape[:2], 4, 7)
+        jacobian = found.jacobian.reshape(*moved.shape[:2], 4, 7)
+        jacobian[..., 5] += jacobian[..., 6] / 2  # the underside stays
+        return found.xyxy.reshape(*moved.shape[:2], 4), jacobian[..., :6]
 
     def linearised(self, states: F64) -> tuple[F64, F64, F64]:
         """The linear systems of a Gauss-Newton step at a fixed yaw, from each of the states.
@@ -124,10 +127,10 @@ class _Problem(NamedTuple):
         clipped to the image, whose derivatives are zero there.
 
         Args:
-            states: (N, K, 7) less the prior's.
+            states: (N, K, 8) less the prior's.
 
         Returns:
-            (N, K, 6, 6) normal matrices over all states but the yaw; (N, K, 6) their right sides; (N, K) twice the
+            (N, K, 7, 7) normal matrices over all states but the yaw; (N, K, 7) their right sides; (N, K) twice the
             negative log probability.
         """
         xyxy, jacobian = self.projected(states)
@@ -137,7 +140,7 @@ class _Problem(NamedTuple):
         is_free = clipped == xyxy
         residual = edges.xyxy[:, None] - clipped
         by_speed = jacobian[..., :2] @ self.turn_of_pair[:, None] * edges.later_s[:, None, None, None]
-        slopes = np.concatenate([jacobian[..., [0, 1, 3, 4]], by_speed], 3)
+        slopes = np.concatenate([jacobian[..., [0, 1, 3, 4, 5]], by_speed], 3)
         # What the edges share by the weights of whole residuals, then the weights of the rest.
         shared, _ = self._shared(is_free * self._weights(residual / sigma_px)[0], residual)
         weights, costs = self._weights((residual - shared) / sigma_px)
@@ -185,9 +188,9 @@ class _Problem(NamedTuple):
         return likelihood / (total * (1 + squared)), -2 * np.log(total / (1 + hides))
 
     def averaged(self, means: F64, covariances: F64, *, steps: int) -> tuple[F64, F64]:
-        """Means (N, 7) and covariances (N, 7, 7), by `steps` Gauss-Newton steps from several headings around `means`.
+        """Means (N, 8) and covariances (N, 8, 8), by `steps` Gauss-Newton steps from several headings around `means`.
 
-        The covariances (N, 7, 7) of these give the spacing of the headings, and the other states at each.
+        The covariances (N, 8, 8) of these give the spacing of the headings, and the other states at each.
         """
         yaw_sigma = np.sqrt(covariances[:, _YAW, _YAW])
         states = means[:, None] + YAW_SIGMAS[:, None] * (covariances[:, _YAW] / yaw_sigma[:, None])[:, None]
@@ -211,21 +214,26 @@ class _Problem(NamedTuple):
         The speed is uncertain, so that time is near the measurement with most information.
 
         Args:
-            covariances: (N, 7, 7) of the states.
+            covariances: (N, 8, 8) of the states.
 
         Returns:
-            (N,) seconds after the time of the prior; (N, 3, 7) x, y and yaw at that time by the states.
+            (N,) seconds after the time of the prior; (N, 3, 8) x, y and yaw at that time by the states.
         """
         turn, starts = self.turn, self.starts
-        common = (turn * covariances[:, :2, 5:]).sum((1, 2))
-        later_s = -common / (covariances[:, 5, 5] + covariances[:, 6, 6])
+        common = (turn * covariances[:, :2, 6:]).sum((1, 2))
+        later_s = -common / (covariances[:, 6, 6] + covariances[:, 7, 7])
         measured_s = self.edges.later_s
         first_s, last_s = np.minimum.reduceat(measured_s, starts), np.maximum.reduceat(measured_s, starts)
         later_s = np.clip(later_s, np.minimum(first_s, 0.0), np.maximum(last_s, 0.0))
-        moved = np.zeros((len(turn), 3, 7))
+        moved = np.zeros((len(turn), 3, 8))
         moved[:, :, :3] = np.eye(3)
-        moved[:, :2, 5:] = turn * later_s[:, None, None]
+        moved[:, :2, 6:] = turn * later_s[:, None, None]
         return later_s, moved
+
+
+def _resized(sizes: F64, more: F64) -> F64:
+    """Sizes (N, 3) that grow, within bounds."""
+    return np.minimum(np.maximum(sizes + more, MIN_SIZE * sizes), MAX_SIZE * sizes)
 
 
 def are_in_view(boxes: Boxes3D, edges: MeasuredEdges, outline: Outline) -> Bools:
@@ -245,9 +253,9 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
     """
     n = len(boxes)
     problem = _Problem.of(boxes, prior, edges, outline)
-    mean, covariances = problem.averaged(np.zeros((n, 7)), prior.covariances, steps=2)
+    mean, covariances = problem.averaged(np.zeros((n, 8)), prior.covariances, steps=2)
     mean, covariances = problem.averaged(mean, covariances, steps=1)
-    both = np.zeros((n, 2, 7))
+    both = np.zeros((n, 2, 8))
     both[:, 1] = mean
     _, _, costs = problem.linearised(both)
     pull = np.linalg.solve(prior.covariances[:, :3, :3], mean[:, :3, None])[..., 0]
@@ -260,16 +268,15 @@ def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline:
     mean = np.where(accepted[:, None], mean, 0.0)
     covariances = np.where(accepted[:, None, None], covariances, prior.covariances)
     # The yaw of the box follows the apparent one by a share.
-    follows = np.ones((n, 7))
+    follows = np.ones((n, 8))
     follows[:, _YAW] = prior.yaw_shares
     mean, covariances = follows * mean, follows[:, :, None] * covariances * follows[:, None]
     covariances[:, _YAW, _YAW] += prior.yaw_rests
     later_s, moved = problem.most_certain(covariances)
-    extent = boxes.sizes[:, :2]
     return RefinedBoxes(
         centers_xy=boxes.centers[:, :2] + (moved @ mean[..., None])[:, :2, 0],
         yaws=boxes.yaws + mean[:, _YAW],
-        lengths_widths=np.clip(extent + mean[:, 3:5], MIN_SIZE * extent, MAX_SIZE * extent),
+        sizes=_resized(boxes.sizes, mean[:, 3:6]),
         covariances=moved @ covariances @ moved.swapaxes(1, 2),
         later_s=later_s,
         accepted=accepted,

@@ -16,7 +16,7 @@ from lidcam.pipeline.core.arrays import join_rows
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.settings.fuse import FuseConfig
 
-LIDAR_XY = np.zeros((1, 2))
+LIDAR_XYZ = np.zeros((1, 3))
 DEGREE = np.pi / 180
 
 
@@ -28,7 +28,7 @@ def _objects_are_cuboids() -> Iterator[None]:
 
 def judged(frames: Sequence[FrameResult]) -> CameraError | None:
     found = [pairs for frame in frames for _, pairs in tracked_pairs(frame)]
-    return camera_error(join_rows(*found), CAMERA, LIDAR_XY, FuseConfig()) if found else None
+    return camera_error(join_rows(*found), CAMERA, LIDAR_XYZ, FuseConfig()) if found else None
 
 
 @pytest.mark.parametrize("speed_m_s", [0.0, 8.0], ids=["standing", "driving"])
@@ -58,7 +58,7 @@ def test_with_noise_it_is_within_the_confidence(values: tuple[float, ...], seed:
 def test_a_parked_car_that_is_seen_for_long_is_one_witness() -> None:
     [once] = [pairs for _, pairs in tracked_pairs(passing(tracks=40, frames=1, seed=4)[0])]
     later = (replace(once, stamps_ns=once.stamps_ns + number * 10**9) for number in range(30))
-    found = [camera_error(pairs, CAMERA, LIDAR_XY, FuseConfig()) for pairs in (once, join_rows(*later))]
+    found = [camera_error(pairs, CAMERA, LIDAR_XYZ, FuseConfig()) for pairs in (once, join_rows(*later))]
     assert found[0] is not None
     assert found[1] is not None
     assert (found[1].sigmas > 0.9 * found[0].sigmas).all()

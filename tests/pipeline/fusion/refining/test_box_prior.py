@@ -12,7 +12,7 @@ from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.fusion.refining.box_prior import box_prior, known_covariances
 
-LIDARS = np.array([[0.0, 0.0], [3.0, -1.0]])
+LIDARS = np.array([[0.0, 0.0, 2.0], [3.0, -1.0, 2.0]])
 
 
 def with_covariances(seed: int, count: int = 6) -> Boxes3D:
@@ -50,7 +50,16 @@ def test_a_longer_box_is_centred_farther_from_the_lidar() -> None:
     assert abs(covariance[1, 3]) < 1e-12
 
 
-@pytest.mark.parametrize("lidars", [LIDARS, np.zeros((0, 2))])
+def test_heights_are_known_where_lidars_look_down_on_the_tops() -> None:
+    boxes = boxes3d([[x, 0, height / 2, 4, 2, height, 0] for x in (4, 40) for height in (1.0, 4.0)])
+    covariances = box_prior(boxes, LIDARS, FuseConfig()).covariances
+    shares = np.sqrt(covariances[:, 5, 5]) / boxes.sizes[:, 2]
+    assert shares[0] == pytest.approx(0.02)
+    assert 0.05 < shares[2] < 0.08
+    np.testing.assert_allclose(shares[[1, 3]], 0.08)
+
+
+@pytest.mark.parametrize("lidars", [LIDARS[:, :2], np.zeros((0, 2))])
 def test_unknown_covariances(lidars: F64) -> None:
     boxes = boxes3d([[10.0, 0, 0, 4, 2, 1.5, 0], [5, 0, 0, 0.6, 0.6, 1.7, 0]], deviations=[0.0, 0.0, 0.0])
     car, person = np.sqrt(np.einsum("nii->ni", known_covariances(boxes, lidars)))
