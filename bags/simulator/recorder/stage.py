@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from lidcam.bags.simulator.vehicles.traffic import Traffic
 from lidcam.bags.simulator.world.bodies.cyclist import cyclist_parts
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
 from lidcam.bags.simulator.world.bodies.hulls import front_wheel, steered_wheel
-from lidcam.bags.simulator.world.bodies.motor_vehicles import bus, car, model_car, truck, van
+from lidcam.bags.simulator.world.bodies.motor_vehicles import PAINT, motor_vehicle
 from lidcam.bags.simulator.world.bodies.pedestrian import pedestrian_parts
 from lidcam.bags.simulator.world.mesh import Mesh, paint
 from lidcam.bags.simulator.world.motion import (
@@ -78,12 +77,6 @@ def true_rig(scenario: Scenario) -> Rig:
     return Rig(frame, tuple(lidars), tuple(cameras), zones, ground_height_m=0.0)
 
 
-BODIES = {"model_car": model_car, "car": car, "van": van, "truck": truck, "bus": bus}
-"""Body of each motor vehicle, made from its colour, in the base frame; the front wheels are separate parts."""
-
-REFERENCE_PAINT = (0.123, 0.456, 0.789)  # a colour that nothing else has
-
-
 def build_mover(
     name: str, vehicle: VehicleScenario, trajectory: Carrier, *, height: Callable[[F64], F64] | None = None
 ) -> Mover:
@@ -101,24 +94,13 @@ def build_mover(
     elif vehicle.shape == "cyclist":
         parts = cyclist_parts(name, vehicle.color, trajectory)
     else:
-        wheel = front_wheel(vehicle.shape)
-        parts = (
-            Part(_body(vehicle), trajectory),
-            *(Part(wheel, steered_wheel(trajectory, SHAPES[vehicle.shape], side)) for side in (1, -1)),
-        )
+        chassis = motor_vehicle(vehicle.shape, vehicle.body).recolored({PAINT: paint(vehicle.color)})
+        wheel, unscaled = front_wheel(vehicle.shape), SHAPES[vehicle.shape]
+        wheels = (Part(wheel, steered_wheel(trajectory, unscaled, side)) for side in (1, -1))
+        parts = (Part(chassis, trajectory), *wheels)
     if vehicle.scale != (1.0, 1.0, 1.0):
         parts = tuple(_scaled(part, vehicle.scale) for part in parts)
     return Mover(name, shape.class_name, path, shape.box_center_m, shape.size_m, parts, body)
-
-
-def _body(vehicle: VehicleScenario) -> Mesh:
-    return _reference(vehicle.shape, vehicle.body).recolored({paint(REFERENCE_PAINT): paint(vehicle.color)})
-
-
-@cache
-def _reference(shape: str, body: str) -> Mesh:
-    """A motor vehicle of `REFERENCE_PAINT`; making one takes far longer than painting it."""
-    return car(REFERENCE_PAINT, body) if shape == "car" else BODIES[shape](REFERENCE_PAINT)
 
 
 def _scaled(part: Part, scale: tuple[float, float, float]) -> Part:

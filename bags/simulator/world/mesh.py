@@ -142,16 +142,10 @@ def sphere(center: npt.ArrayLike, radius: float, material: Material, *, sides: i
     vertices = np.concatenate([body, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]]) * radius + np.asarray(center, np.float64)
     here = np.arange(sides)
     after = (here + 1) % sides
-    north, south, last = len(body), len(body) + 1, (rings - 2) * sides
-    faces = [
-        np.stack([np.full(sides, north), here, after], 1),
-        np.stack([np.full(sides, south), last + after, last + here], 1),
-    ]
-    for ring in range(rings - 2):
-        upper, lower = ring * sides, (ring + 1) * sides
-        faces.append(np.stack([upper + here, lower + here, lower + after], 1))
-        faces.append(np.stack([upper + here, lower + after, upper + after], 1))
-    triangles = np.concatenate(faces).astype(np.int64)
+    north, south, last = np.full(sides, len(body)), np.full(sides, len(body) + 1), (rings - 2) * sides
+    caps = np.stack([north, here, after], 1), np.stack([south, last + after, last + here], 1)
+    bands = ring_faces(rings - 1, sides)[2 * (sides - 2) :, [0, 2, 1]]
+    triangles = np.concatenate([*caps, bands])
     return Mesh(vertices, triangles, np.zeros(len(triangles), np.int64), (material,))
 
 
@@ -159,26 +153,28 @@ def polygon(corners: npt.ArrayLike, material: Material) -> Mesh:
     """A flat convex face (K, 3), counter-clockwise seen from its visible side."""
     vertices = np.asarray(corners, np.float64)
     k = len(vertices)
-    triangles = np.stack([np.zeros(k - 2, np.int64), np.arange(1, k - 1), np.arange(2, k)], 1)
-    return Mesh(vertices, triangles, np.zeros(k - 2, np.int64), (material,))
+    return Mesh(vertices, _fan(k), np.zeros(k - 2, np.int64), (material,))
+
+
+def _fan(k: int) -> I64:
+    return np.stack([np.zeros(k - 2, np.int64), np.arange(1, k - 1), np.arange(2, k)], 1)
 
 
 def ring_faces(rings: int, k: int) -> I64:
     """Triangles of a closed body over rings of K vertices each: first end, last end, then the sides ring by ring."""
     here = np.arange(k)
     after = (here + 1) % k
-    fan = np.stack([np.zeros(k - 2, np.int64), np.arange(1, k - 1), np.arange(2, k)], 1)
-    faces = [fan[:, ::-1], fan + (rings - 1) * k]
+    faces = [_fan(k)[:, ::-1], _fan(k) + (rings - 1) * k]
     for low in range(0, (rings - 1) * k, k):
         sides = [here + low, after + low, after + low + k], [here + low, after + low + k, here + low + k]
         faces += [np.stack(side, 1) for side in sides]
     return np.concatenate(faces).astype(np.int64)
 
 
-def paint(color: tuple[float, float, float], name: str = "paint") -> Material:
+def paint(color: Rgb) -> Material:
     """Car paint; dark paint reflects less of a lidar's light."""
     brightness = 0.3 * color[0] + 0.59 * color[1] + 0.11 * color[2]
-    return Material(name, color, 0.10 + 0.75 * brightness**1.5, mirror=0.05)
+    return Material("paint", color, 0.10 + 0.75 * brightness**1.5, mirror=0.05)
 
 
 def loft(
@@ -230,18 +226,6 @@ def torus(
     c, d = (i + 1) % sides * around + (j + 1) % around, i * around + (j + 1) % around
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int64)
     return _outward(points, faces, [material] * len(faces))
-
-
-def wheel(radius: float, width: float, tyre: Material, rim: Material, hub: Material, *, sides: int = 20) -> Mesh:
-    """A wheel about the y axis with its centre at the origin; a vertex is its lowest point."""
-    half = width / 2
-    right = [(0.22, -half * 0.85), (0.60, -half * 0.75), (0.66, -half * 0.98), (0.94, -half), (1.0, -half * 0.74)]
-    profile = [*right, *((share, -y) for share, y in reversed(right))]
-    turn = 2 * np.pi * np.arange(sides) / sides - np.pi / 2
-    x, z = np.cos(turn), np.sin(turn)
-    rings = [np.stack([share * radius * x, np.full(sides, y), share * radius * z], 1) for share, y in profile]
-    looks = [rim, rim, tyre, tyre, tyre, tyre, tyre, rim, rim]
-    return loft(np.stack(rings), tyre, where=lambda ring, _: looks[ring], ends=(hub, hub))
 
 
 def panel(corners: npt.ArrayLike, material: Material, *, thickness: float = 0.008) -> Mesh:

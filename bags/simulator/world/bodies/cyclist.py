@@ -11,8 +11,9 @@ import numpy as np
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
 from lidcam.bags.simulator.world.bodies.pedestrian import (
     HIP_Y_M,
-    REFERENCE,
-    Looks,
+    JACKET,
+    SKIN,
+    TROUSERS,
     head,
     looks_of,
     recolored,
@@ -57,8 +58,8 @@ def cyclist_parts(name: str, color: Rgb, trajectory: Carrier) -> tuple[Part, ...
         Part(_fork(), steered_fork(trajectory, FORK_HINGE, RAKE_RAD)),
         Part(_crank(), ArticulatedPath(trajectory, _crank_place)),
     ]
-    thigh = recolored(thigh_mesh(RIDER_THIGH_M, REFERENCE.trousers), looks)
-    shin = recolored(shin_mesh(RIDER_SHIN_M, REFERENCE.trousers), looks)
+    thigh = recolored(thigh_mesh(RIDER_THIGH_M), looks)
+    shin = recolored(shin_mesh(RIDER_SHIN_M), looks)
     for side in (1, -1):
         parts += [
             Part(thigh, ArticulatedPath(trajectory, _pedalling_place(side, "thigh"))),
@@ -103,17 +104,8 @@ def _pedalling_place(side: int, bone: str) -> Callable[[F64], Poses]:
 def _bicycle_wheel() -> Mesh:
     """A wheel with its hub at the origin."""
     radius = SHAPES["cyclist"].wheel_radius_m
-    angles = np.pi * np.arange(8) / 8
-    spokes = [
-        cylinder(
-            (-0.92 * radius * np.cos(a), 0, -0.92 * radius * np.sin(a)),
-            (0.92 * radius * np.cos(a), 0, 0.92 * radius * np.sin(a)),
-            0.0025,
-            CHROME,
-            sides=4,
-        )
-        for a in angles
-    ]
+    ends = [(0.92 * radius * np.cos(a), 0, 0.92 * radius * np.sin(a)) for a in np.pi * np.arange(8) / 8]
+    spokes = [cylinder((-x, 0, -z), (x, 0, z), 0.0025, CHROME, sides=4) for x, _, z in ends]
     return merged(
         torus((0, 0, 0), radius, 0.036, RUBBER),
         torus((0, 0, 0), radius - 0.034, 0.020, METAL, around=4),
@@ -148,15 +140,14 @@ def _fork() -> Mesh:
     crown = (-0.115, 0, 0.36)
     stem = (-0.185, 0, 0.60)
     grip = [(-0.185, 0, 0.66), (-0.17, 0.13, 0.69), (-0.27, 0.255, 0.69), (-0.35, 0.273, 0.68)]
-    left = [(x, -y, z) for x, y, z in grip]
+    radii = (0.013, 0.013, 0.016, 0.016)
     return merged(
         _bicycle_wheel(),
         *(cylinder((0, y, 0), (crown[0], y, crown[2]), 0.012, METAL, sides=8) for y in (-0.055, 0.055)),
         box(crown, (0.04, 0.14, 0.03), METAL),
         cylinder(crown, stem, 0.016, METAL, sides=8),
         cylinder(stem, grip[0], 0.013, METAL, sides=8),
-        limb(grip, (0.013, 0.013, 0.016, 0.016), DARK),
-        limb(left, (0.013, 0.013, 0.016, 0.016), DARK),
+        *(limb([(x, side * y, z) for x, y, z in grip], radii, DARK) for side in (1, -1)),
         box((-0.145, 0, 0.52), (0.06, 0.06, 0.06), HEADLAMP),
     )
 
@@ -175,51 +166,31 @@ def _crank() -> Mesh:
 
 @cache
 def _frame_and_rider() -> Mesh:
-    return merged(_frame(), _rider(REFERENCE))
-
-
-def _rider(looks: Looks) -> Mesh:
-    """Torso, head with a helmet, and arms that reach the grips."""
-    helmet = Material("helmet", (0.85, 0.85, 0.82), 0.6, mirror=0.03)
-    head_x, head_z = 0.56, 1.585
-    arms = [
-        limb(
-            [(0.475, side * 0.18, 1.37), (0.615, side * 0.242, 1.16), (0.72, side * 0.262, 1.035)],
-            (0.056, 0.044, 0.032),
-            looks.jacket,
-        )
-        for side in (1, -1)
-    ]
+    """Frame, torso, head with a helmet, and arms that reach the grips."""
+    x, z = 0.56, 1.585  # of the head
+    hips = [(0.90, 0.235, 0, 0.12, 0.13), (0.96, 0.235, 0, 0.135, 0.17), (1.02, 0.25, 0, 0.11, 0.15)]
+    trunk = [
+        (0.955, 0.24, 0, 0.148, 0.185), (1.12, 0.30, 0, 0.135, 0.172), (1.26, 0.38, 0, 0.125, 0.175),
+        (1.37, 0.445, 0, 0.12, 0.190), (1.425, 0.475, 0, 0.08, 0.13), (1.455, 0.495, 0, 0.055, 0.06),
+    ]  # fmt: skip
+    helmet = [
+        (z + 0.015, x - 0.01, 0, 0.118, 0.088), (z + 0.06, x - 0.01, 0, 0.122, 0.090),
+        (z + 0.11, x - 0.01, 0, 0.095, 0.070), (z + 0.135, x - 0.01, 0, 0.045, 0.035),
+    ]  # fmt: skip
+    parts = []
+    for side in (1, -1):
+        arm = [(0.475, side * 0.18, 1.37), (0.615, side * 0.242, 1.16), (0.72, side * 0.262, 1.035)]
+        parts += [
+            limb(arm, (0.056, 0.044, 0.032), JACKET),
+            sphere((0.475, side * 0.18, 1.365), 0.056, JACKET, sides=8),
+            sphere((0.615, side * 0.242, 1.16), 0.044, JACKET, sides=8),
+            sphere((0.735, side * 0.258, 1.03), 0.040, SKIN, sides=8),
+        ]
     return merged(
-        ellipses(
-            [(0.90, 0.235, 0, 0.12, 0.13), (0.96, 0.235, 0, 0.135, 0.17), (1.02, 0.25, 0, 0.11, 0.15)],
-            looks.trousers,
-        ),
-        ellipses(
-            [
-                (0.955, 0.24, 0, 0.148, 0.185),
-                (1.12, 0.30, 0, 0.135, 0.172),
-                (1.26, 0.38, 0, 0.125, 0.175),
-                (1.37, 0.445, 0, 0.12, 0.190),
-                (1.425, 0.475, 0, 0.08, 0.13),
-                (1.455, 0.495, 0, 0.055, 0.06),
-            ],
-            looks.jacket,
-            sides=14,
-        ),
-        *arms,
-        *(sphere((0.475, side * 0.18, 1.365), 0.056, looks.jacket, sides=8) for side in (1, -1)),
-        *(sphere((0.615, side * 0.242, 1.16), 0.044, looks.jacket, sides=8) for side in (1, -1)),
-        *(sphere((0.735, side * 0.258, 1.03), 0.040, looks.skin, sides=8) for side in (1, -1)),
-        *head(looks.skin, DARK, head_x, head_z)[:2],
-        ellipses(
-            [
-                (head_z + 0.015, head_x - 0.01, 0, 0.118, 0.088),
-                (head_z + 0.06, head_x - 0.01, 0, 0.122, 0.090),
-                (head_z + 0.11, head_x - 0.01, 0, 0.095, 0.070),
-                (head_z + 0.135, head_x - 0.01, 0, 0.045, 0.035),
-            ],
-            helmet,
-            sides=14,
-        ),
+        _frame(),
+        ellipses(hips, TROUSERS),
+        ellipses(trunk, JACKET, sides=14),
+        *parts,
+        *head(x, z)[:2],  # no hair
+        ellipses(helmet, Material("helmet", (0.85, 0.85, 0.82), 0.6, mirror=0.03), sides=14),
     )

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, Shape
-from lidcam.bags.simulator.world.mesh import DARK, RUBBER, Material, Mesh, box, cylinder, loft, merged, panel, wheel
+from lidcam.bags.simulator.world.mesh import DARK, RUBBER, SEAM, Material, Mesh, box, cylinder, loft, merged, panel
 from lidcam.bags.simulator.world.motion import STEERING, ArticulatedPath, Carrier, Poses, hinged
 from lidcam.pipeline.core.arrays import F64
 
@@ -25,29 +25,32 @@ HUB = Material("hub", (0.34, 0.35, 0.37), 0.35, mirror=0.05)
 class Hull:
     """A body given by its cross sections."""
 
+    shape: Shape  # of its vehicle
     stations: Sequence[tuple[float, float, float]]  # rows of x (rising), half width and top
     # Rows of height and share of the half width, from below; the last one stands for the top at any height, and levels
     # above the top are lowered to it
     levels: Sequence[tuple[float, float]]
-    bottom_m: float  # ground clearance
-    axles_m: Sequence[float]  # x of the axles
     arch_m: float  # radius of the wheel arches about the axles
-    axle_height_m: float  # height of the axles
+
+    @property
+    def bottom_m(self) -> float:
+        """Ground clearance."""
+        return self.levels[0][0]
 
     def half_width(self, x: float, z: float) -> float:
         """The y of the left side at a point of the side view."""
         section = self._section(x, self.bottom_m)
         return float(np.interp(z, section[:, 1], section[:, 0]))
 
-    def mesh(self, material: Material, *, below: Material) -> Mesh:
-        """The closed body; `below` is the material of its underside and arches."""
+    def mesh(self, material: Material) -> Mesh:
+        """The closed body, dark below and in its arches."""
         rings = []
         for x, bottom in self._floor():
             right = self._section(x, bottom)
             ring = np.concatenate([right * [-1.0, 1.0], right[::-1]])
             rings.append(np.c_[np.full(len(ring), x), ring])
         floor = 2 * len(self.levels) - 1
-        return loft(np.stack(rings), material, where=lambda _, side: below if side == floor else material)
+        return loft(np.stack(rings), material, where=lambda _, side: DARK if side == floor else material)
 
     def side_panel(self, outline: npt.ArrayLike, side: int, material: Material, *, thickness: float = 0.008) -> Mesh:
         """A plate on one side (1 left, -1 right); `outline` (K, 2) of x and z runs counter-clockwise from the right."""
@@ -61,11 +64,11 @@ class Hull:
         (x0, x1), (z0, z1) = x, z
         return self.side_panel([(x0, z0), (x1, z0), (x1, z1), (x0, z1)], side, material, thickness=thickness)
 
-    def seam(self, x: float, low: float, high: float, width: float, side: int, material: Material) -> Mesh:
+    def seam(self, x: float, low: float, high: float, width: float, side: int) -> Mesh:
         """An upright joint on one side (1 left, -1 right), along the cross section."""
         heights = [low, *(z for z, _ in self.levels if low < z < high), high]
         spans = pairwise(heights)
-        return merged(*(self.plate((x, x + width), span, side, material, thickness=0.5 * width) for span in spans))
+        return merged(*(self.plate((x, x + width), span, side, SEAM, thickness=0.5 * width) for span in spans))
 
     def _section(self, x: float, bottom: float) -> F64:
         """(L, 2) y and z of the left half of a cross section, from below."""
@@ -85,10 +88,12 @@ class Hull:
         angle = np.linspace(0, np.pi, ARCH_STEPS + 1)
         places: list[tuple[float, float]] = []
         last = -np.inf
-        for axle in sorted(self.axles_m):
+        for axle in (0.0, self.shape.wheel_base_m):
+            if axle < self.stations[0][0]:  # a cab ends before the rear axle
+                continue
             low, high = axle - self.arch_m, axle + self.arch_m
             places += [(x, self.bottom_m) for x, _, _ in self.stations if last < x < low]
-            height = np.maximum(self.axle_height_m + self.arch_m * np.sin(angle), self.bottom_m)
+            height = np.maximum(self.shape.wheel_radius_m + self.arch_m * np.sin(angle), self.bottom_m)
             arch = axle - self.arch_m * np.cos(angle)
             inner = [x for x, _, _ in self.stations if low < x < high and not np.isclose(arch, x).any()]
             xs = np.sort(np.concatenate([arch, inner]))
@@ -115,9 +120,16 @@ def both_sides(mesh: Mesh) -> Mesh:
 
 @cache
 def front_wheel(name: str) -> Mesh:
-    """A wheel of a shape with its centre at the origin."""
-    sides = 28 if SHAPES[name].wheel_radius_m > 0.4 else 20
-    return wheel(SHAPES[name].wheel_radius_m, TYRE_WIDTH_M[name], RUBBER, RIM, HUB, sides=sides)
+    """A wheel of a shape about the y axis with its centre at the origin; a vertex is its lowest point."""
+    radius, half = SHAPES[name].wheel_radius_m, TYRE_WIDTH_M[name] / 2
+    right = [(0.22, -half * 0.85), (0.60, -half * 0.75), (0.66, -half * 0.98), (0.94, -half), (1.0, -half * 0.74)]
+    profile = [*right, *((share, -y) for share, y in reversed(right))]
+    sides = 28 if radius > 0.4 else 20
+    turn = 2 * np.pi * np.arange(sides) / sides - np.pi / 2
+    x, z = np.cos(turn), np.sin(turn)
+    rings = [np.stack([share * radius * x, np.full(sides, y), share * radius * z], 1) for share, y in profile]
+    looks = [RIM, RIM, *[RUBBER] * 5, RIM, RIM]
+    return loft(np.stack(rings), RUBBER, where=lambda ring, _: looks[ring], ends=(HUB, HUB))
 
 
 def steered_wheel(carrier: Carrier, shape: Shape, side: int) -> ArticulatedPath:
