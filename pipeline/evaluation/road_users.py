@@ -19,25 +19,15 @@ MIN_MOVING_SPEED_M_S = 0.3
 
 @dataclass(frozen=True, slots=True)
 class RoadUserCount:
-    """The road users of one class in one zone, or in all of the site.
+    """The road users of one class in one zone, or in all of the site."""
 
-    Attributes:
-        class_name: Their class.
-        zone: The zone, `outside` of all zones, or empty: the site.
-        count: Number of road users that were there for a frame or more.
-        moved: Number of those that moved, there or elsewhere on the site.
-        stood: Number of those that never moved. The speed of the others, seen too briefly, is not known.
-        speed_mean_m_s: Mean, over those that moved, of the mean speed of each while it was there; NaN without any.
-        speed_max_m_s: Highest speed of one of those in one frame; NaN likewise.
-    """
-
-    class_name: str
-    zone: str
-    count: int
-    moved: int
-    stood: int
-    speed_mean_m_s: float
-    speed_max_m_s: float
+    class_name: str  # Their class
+    zone: str  # The zone, `outside` of all zones, or empty: the site
+    count: int  # Number of road users that were there for a frame or more
+    moved: int  # Number of those that moved, there or elsewhere on the site
+    stood: int  # Number of those that never moved. The speed of the others, seen too briefly, is not known
+    speed_mean_m_s: float  # Mean, over those that moved, of the mean speed of each while it was there; NaN without any
+    speed_max_m_s: float  # Highest speed of one of those in one frame; NaN likewise
 
 
 @dataclass(frozen=True, slots=True)

@@ -62,21 +62,13 @@ class KnownClasses(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Objects(Generic[Boxes]):
-    """Objects of one source, or 2D boxes of one camera.
-
-    Attributes:
-        boxes: The boxes.
-        track_ids: (N,) ids, or `UNKNOWN`.
-        classes: (N,) rows of the names of both results.
-        places: (N, 3) centres in metres, or (N, 2) in pixels.
-        reaches: (N,) how far each can come from one frame to the next: the length of its class, or of its longer side.
-    """
+    """Objects of one source, or 2D boxes of one camera."""
 
     boxes: Boxes
-    track_ids: I64
-    classes: Indices
-    places: F64
-    reaches: F64
+    track_ids: I64  # (N,) ids, or `UNKNOWN`
+    classes: Indices  # (N,) rows of the names of both results
+    places: F64  # (N, 3) centres in metres, or (N, 2) in pixels
+    reaches: F64  # (N,) how far each can come from one frame to the next: the length of its class, or its longer side
 
 
 def source_objects(found: SourceBoxes, known: KnownClasses) -> Objects[Boxes3D]:

@@ -4,16 +4,12 @@
 class in a part of the site.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from lidcam.pipeline.evaluation.detection.criteria import DISTANCES_M, Criteria
-from lidcam.pipeline.evaluation.detection.curves import (
-    average_precision,
-    curve_of,
-    interpolated_ap,
-)
+from lidcam.pipeline.evaluation.detection.curves import average_precision, curve_of, interpolated_ap
 from lidcam.pipeline.evaluation.detection.tables import Scored
 from lidcam.pipeline.evaluation.scales import decimal
 
@@ -44,11 +40,11 @@ def overlap_figures(criteria: Criteria, by_criterion: Callable[[int], Scored], c
     return figures
 
 
-def distance_figures(criteria: Criteria, by_criterion: Mapping[int, Scored], count: int) -> Averages:
+def distance_figures(criteria: Criteria, by_criterion: Callable[[int], Scored], count: int) -> Averages:
     """Average precision by distance, scaled to the class, and its mean."""
     if not count:
         return dict.fromkeys(("map", *_AP_NAMES))
-    precisions = [interpolated_ap(by_criterion[column].is_right, count) for column in criteria.distance_columns]
+    precisions = [interpolated_ap(by_criterion(column).is_right, count) for column in criteria.distance_columns]
     return {"map": float(np.mean(precisions)), **dict(zip(_AP_NAMES, precisions, strict=True))}
 
 

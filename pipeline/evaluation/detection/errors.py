@@ -24,14 +24,7 @@ MIN_RATIO = 1e-10
 class Column(IntEnum):
     """Columns of the errors of a match: see `errors_of_pairs`."""
 
-    ALONG = 0
-    ACROSS = 1
-    UP = 2
-    LENGTH = 3
-    WIDTH = 4
-    HEIGHT = 5
-    YAW = 6
-    NEES = 7
+    ALONG, ACROSS, UP, LENGTH, WIDTH, HEIGHT, YAW, NEES = range(8)
 
 
 CHI2_95 = 5.991464547107979
@@ -71,14 +64,7 @@ def _normalised(errors: F64, covariances: F64) -> F64:
     return found
 
 
-_SIGNED = {
-    "along_m": Column.ALONG,
-    "across_m": Column.ACROSS,
-    "z_m": Column.UP,
-    "length_m": Column.LENGTH,
-    "width_m": Column.WIDTH,
-    "height_m": Column.HEIGHT,
-}
+_SIGNED = ("along_m", "across_m", "z_m", "length_m", "width_m", "height_m")  # the first of `Column`
 
 
 def spread(errors: npt.NDArray[np.floating]) -> dict[str, float | None]:
@@ -101,7 +87,7 @@ def error_figures(errors: npt.NDArray[np.floating]) -> Figures:
     """Figures of errors (N, 8) as of `errors_of_pairs`; a flip is a heading that is wrong by more than 90 degrees."""
     turns_deg = np.degrees(np.abs(errors[:, Column.YAW], dtype=np.float64))
     figures: dict[str, Figures | float | None] = {"position_bev_m": spread(bird_eye_m(errors))}
-    for name, column in _SIGNED.items():
+    for column, name in enumerate(_SIGNED):
         figures[name] = {"bias": bias(errors[:, column]), **spread(errors[:, column])}
     figures["heading_deg"] = spread(turns_deg)
     figures["heading_mod_180_deg"] = spread(np.minimum(turns_deg, 180 - turns_deg))
@@ -135,11 +121,7 @@ def motion_figures(
     is_flipped = is_flip(errors[:, Column.YAW])
     return {
         "velocity_m_s": {"count": len(velocities), **spread(np.hypot(velocities[:, 0], velocities[:, 1]))},
-        "yaw_rate_deg_s": {
-            "count": len(yaw_rates_deg_s),
-            "bias": bias(yaw_rates_deg_s),
-            **spread(yaw_rates_deg_s),
-        },
+        "yaw_rate_deg_s": {"count": len(yaw_rates_deg_s), "bias": bias(yaw_rates_deg_s), **spread(yaw_rates_deg_s)},
         "flips_moving": float(is_flipped[moves].mean()) if moves.any() else None,
     }
 

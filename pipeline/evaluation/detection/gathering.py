@@ -137,9 +137,7 @@ class Gathering:
 
     def _parts(self, centers: F64) -> Bools:
         """(N, P) parts of the site in which centres lie."""
-        ranges, zones = (
-            range_rows(ranges_m(centers), self._edges_m),
-            first_polygon_with(self._polygons, centers[:, :2]),
-        )
+        ranges = range_rows(ranges_m(centers), self._edges_m)
+        zones = first_polygon_with(self._polygons, centers[:, :2])
         in_range = ranges[:, None] == np.arange(len(self._edges_m))
         return np.hstack([in_range, zones[:, None] == np.arange(len(self._polygons))])

@@ -103,9 +103,8 @@ class Source:
     def __init__(self, site: Site, found: FoundTable) -> None:
         self.site = site
         self.found = found
-        self.class_ids = as_found(
-            site.truth.class_ids, found.matches[:, site.criteria.position_column], found.class_ids
-        )
+        matches = found.matches[:, site.criteria.position_column]
+        self.class_ids = as_found(site.truth.class_ids, matches, found.class_ids)
         self._orders: dict[int | None, Indices] = {}
         self._scored: dict[int, Scored] = {}
         self._scored_class: int | None = None
@@ -156,23 +155,16 @@ class Source:
         if class_id is None:
             overlaps, distances = (mean_figures(list(one.values())) for one in averages)
             return {**pooled, **overlaps, "distance": distances}
-        name = self.site.class_names[class_id]
-        averages.overlaps[name] = self._overlaps(class_id, part)
-        averages.distances[name] = self._distances(class_id, part)
+        name, criteria = self.site.class_names[class_id], self.site.criteria
+        count = self.site.count(self.is_evaluated(class_id), part)
+
+        def by_criterion(column: int) -> Scored:
+            return self.scored(class_id, column).within(part)
+
+        averages.overlaps[name] = overlap_figures(criteria, by_criterion, count)
+        averages.distances[name] = distance_figures(criteria, by_criterion, count)
         limits = {"thresholds": self._distances_m(class_id)} if part is None else {}
         return {**pooled, **averages.overlaps[name], "distance": {**averages.distances[name], **limits}}
-
-    def _overlaps(self, class_id: int, part: int | None) -> Averages:
-        return overlap_figures(
-            self.site.criteria,
-            lambda criterion: self.scored(class_id, criterion).within(part),
-            self.site.count(self.is_evaluated(class_id), part),
-        )
-
-    def _distances(self, class_id: int, part: int | None) -> Averages:
-        criteria = self.site.criteria
-        detections = {column: self.scored(class_id, column).within(part) for column in criteria.distance_columns}
-        return distance_figures(criteria, detections, self.site.count(self.is_evaluated(class_id), part))
 
     def _pooled(self, class_id: int | None, part: int | None) -> dict[str, Figures | float | int | None]:
         site, found = self.site, self.found
@@ -221,9 +213,7 @@ class Source:
 
     def _distances_m(self, class_id: int) -> list[Figures]:
         scale = self.site.criteria.scales[class_id]
-        return [
-            {"figure": ap_by_distance_name(limit_m), "distance_m": float(limit_m * scale)} for limit_m in DISTANCES_M
-        ]
+        return [{"figure": ap_by_distance_name(one), "distance_m": float(one * scale)} for one in DISTANCES_M]
 
 
 def _is_of(class_ids: I32, class_id: int | None) -> Bools:

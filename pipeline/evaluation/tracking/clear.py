@@ -18,15 +18,10 @@ from lidcam.pipeline.evaluation.tracking.table import TrackTable
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
-    """Matches of true objects with boxes.
+    """Matches of true objects with boxes."""
 
-    Attributes:
-        pairs: (K,) int64, rows of the table's pairs, ordered by true track, then by frame.
-        is_switch: (K,) bool, whether the object's match before this one had another track.
-    """
-
-    pairs: I64
-    is_switch: Bools
+    pairs: I64  # (K,) int64, rows of the table's pairs, ordered by true track, then by frame
+    is_switch: Bools  # (K,) bool, whether the object's match before this one had another track
 
 
 @dataclass(frozen=True, slots=True)

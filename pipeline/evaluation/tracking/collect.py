@@ -90,10 +90,8 @@ class Collection:
         rows = _rows_in_order(truth.frames, boxes.class_ids, boxes.track_ids, no_scores, is_counted)
         counted, ignored = select_rows(truth, rows), select_rows(truth, np.setdiff1d(np.arange(len(truth)), rows))
         for name in dict.fromkeys(name for frame in frames for name in frame.sources):
-            source = self._sources.setdefault(name, _Source())
-            self._add_found(
-                source, FoundObjects.of([frame.sources.get(name) for frame in frames], first), counted, ignored
-            )
+            found = FoundObjects.of([frame.sources.get(name) for frame in frames], first)
+            self._add_found(self._sources.setdefault(name, _Source()), found, counted, ignored)
         boxes, no_scores = counted.boxes, no_scores[: len(counted)]
         self._truth.append(TrackRows(counted.frames, boxes.class_ids, boxes.track_ids, boxes.yaws, no_scores))
         self._is_van.append(self._vans.among(boxes.class_ids, boxes.labels))
