@@ -1,10 +1,8 @@
-"""Writes simulated recordings: ROS 1 bag, MCAP.
-
-The same messages give the same bytes.
-"""
+"""Writes simulated recordings, ROS 1 bag or MCAP; the same messages give the same bytes."""
 
 import contextlib
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +12,7 @@ from lidcam.bags.simulator.recorder.recorded import Recorded
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.ros.qos import LATCHED_YAML_HUMBLE
 from lidcam.pipeline.core.ros.typestores import RosVersion, message_types
-from lidcam.writers.mcap.output import McapOutput, mcap_file
+from lidcam.writers.mcap.output import mcap_file
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.marks import BAG_CALLER, SIMULATED, marked_yaml
 from lidcam.writers.outputs.transaction import OutputTransaction
@@ -64,14 +62,17 @@ def recording_file(
                 for name, text in texts.items():
                     file.attach(name, text)
                 file.add_metadata(SIMULATED, {"attachments": ", ".join(texts)})
-                yield _mcap_writer(file)
+                yield _writer(
+                    lambda one: file.add_ros2(one.topic, one.msgtype, LATCHED_YAML_HUMBLE if one.latched else None),
+                    file.add_message,
+                )
             return
         for name, text in texts.items():
             outputs[_beside(path, name)].write_text(marked_yaml(text))
         bag = Rosbag1Writer(part)
         bag.set_compression(Rosbag1Writer.CompressionFormat.LZ4)
         with bag:
-            yield _bag_writer(bag)
+            yield _writer(partial(_bag_connection, bag), bag.write)
 
 
 def _beside(path: Path, name: str) -> Path:
@@ -79,27 +80,18 @@ def _beside(path: Path, name: str) -> Path:
     return path.with_name(f"{path.name}.{name}")
 
 
-def _bag_writer(bag: Rosbag1Writer) -> WriteMessage:
+def _bag_connection(bag: Rosbag1Writer, first: Recorded) -> Any:
+    options: Any = {"latching": 1 if first.latched else None, "callerid": BAG_CALLER}
+    return bag.add_connection(first.topic, first.msgtype, typestore=message_types(1), **options)
+
+
+def _writer(connect: Callable[[Recorded], Any], write: Callable[[Any, int, bytes], None]) -> WriteMessage:
+    """Writes messages; each topic is connected with its first one."""
     connections: dict[str, Any] = {}
 
-    def write(recorded: Recorded, start_ns: int) -> None:
-        topic = recorded.topic
-        if topic not in connections:
-            options: Any = {"latching": 1 if recorded.latched else None, "callerid": BAG_CALLER}
-            connections[topic] = bag.add_connection(topic, recorded.msgtype, typestore=message_types(1), **options)
-        bag.write(connections[topic], start_ns + recorded.log_ns, recorded.data)
+    def write_one(recorded: Recorded, start_ns: int) -> None:
+        if recorded.topic not in connections:
+            connections[recorded.topic] = connect(recorded)
+        write(connections[recorded.topic], start_ns + recorded.log_ns, recorded.data)
 
-    return write
-
-
-def _mcap_writer(file: McapOutput) -> WriteMessage:
-    channels: dict[str, int] = {}
-
-    def write(recorded: Recorded, start_ns: int) -> None:
-        topic = recorded.topic
-        if topic not in channels:
-            qos = LATCHED_YAML_HUMBLE if recorded.latched else None
-            channels[topic] = file.add_ros2(topic, recorded.msgtype, qos)
-        file.add_message(channels[topic], start_ns + recorded.log_ns, recorded.data)
-
-    return write
+    return write_one

@@ -11,18 +11,11 @@ from lidcam.bags.simulator.recorder.recorded import Recorded
 from lidcam.pipeline.core.arrays import I64, U8
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.ros import vision_numbers as numbers
 from lidcam.pipeline.core.ros.messages import RosMessages
-from lidcam.pipeline.core.ros.vision_numbers import (
-    CLASS_NUMBERS,
-    COUNT_NUMBERS,
-    IMAGE_PIXELS,
-    LIDAR_POINTS,
-    OF_CAMERA,
-    OF_LIDAR,
-)
 
 NO_POSE = (0.0, 0.0, 0.0)
-FIRST_NUMBERS = {LIDAR_POINTS: OF_LIDAR, IMAGE_PIXELS: OF_CAMERA}
+FIRST_NUMBERS = {numbers.LIDAR_POINTS: numbers.OF_LIDAR, numbers.IMAGE_PIXELS: numbers.OF_CAMERA}
 
 
 class Hypothesis(NamedTuple):
@@ -35,15 +28,15 @@ class Hypothesis(NamedTuple):
 
 def class_of(name: str, score: float = 1.0) -> Hypothesis:
     """The class of an object, a key of `CLASS_NUMBERS`."""
-    return Hypothesis(name, CLASS_NUMBERS[name], score)
+    return Hypothesis(name, numbers.CLASS_NUMBERS[name], score)
 
 
 def counted(name: str, value: float) -> Hypothesis:
     """A count or share of an object, by its name in `COUNT_NUMBERS`."""
-    return Hypothesis(name, COUNT_NUMBERS[name], float(value))
+    return Hypothesis(name, numbers.COUNT_NUMBERS[name], float(value))
 
 
-def counted_by(name: str, count: int, sensor: str, row: int) -> Hypothesis:
+def seen_by(name: str, count: int, sensor: str, row: int) -> Hypothesis:
     """A count of one lidar or camera, given by its name and its row among them."""
     return Hypothesis(f"{name}/{sensor}", FIRST_NUMBERS[name] - row, float(count))
 

@@ -19,6 +19,11 @@ if TYPE_CHECKING:
     from lidcam.bags.simulator.recorder.sensing import Sensing
     from lidcam.bags.simulator.recorder.stage import Stage
 
+DEATH = (
+    "a simulation process died, perhaps for lack of memory: try --workers 1; or it is called in a script without "
+    '`if __name__ == "__main__":`'
+)
+
 
 class SensingProcess:
     """A worker process with some of the sensors; it ends with `close`, or with this process."""
@@ -37,7 +42,7 @@ class SensingProcess:
         try:
             self._steps.append(self._pool.submit(_measured, until_ns, dict(commands), start_limit_ns))
         except BrokenProcessPool as err:
-            raise _death() from err
+            raise LidcamError(DEATH) from err
 
     def answer(self) -> Sequence[Measured]:
         """The measurements since the last answer.
@@ -49,18 +54,11 @@ class SensingProcess:
         try:
             return [one for step in steps for one in step.result()]
         except BrokenProcessPool as err:
-            raise _death() from err
+            raise LidcamError(DEATH) from err
 
     def close(self) -> None:
         """End the process."""
         self._pool.shutdown(cancel_futures=True)
-
-
-def _death() -> LidcamError:
-    return LidcamError(
-        "a simulation process died, perhaps for lack of memory: try --workers 1; or it is called in a script without "
-        '`if __name__ == "__main__":`'
-    )
 
 
 _running: "list[tuple[Stage, Sensing]]" = []

@@ -35,9 +35,11 @@ class Sensing:
     def __init__(self, stage: Stage, task: SensingTask) -> None:
         self._stage, self._seed, names = stage, task.scenario.seed, task.names
         self._messages = MessageFactory(task.ros_version, task.scenario.start_ns)
-        lidars = [self._lidar(name, lidar) for name, lidar in stage.scenario.lidars.items() if name in names]
-        cameras = [self._camera(name, camera) for name, camera in stage.scenario.cameras.items() if name in names]
-        self._sensors = lidars + cameras
+        self._sensors = [
+            self._sensor(full_name, name, sensor)
+            for full_name, sensor in stage.scenario.sensors.items()
+            if (name := full_name.partition(".")[2]) in names
+        ]
 
     def measure(self, until_ns: int, *, start_limit_ns: int) -> list[Measured]:
         """Measurements that ended since the last call and by `until_ns`, and began before `start_limit_ns`."""
@@ -45,16 +47,15 @@ class Sensing:
             self._measured(sensor, one) for sensor in self._sensors for one in _due(sensor, until_ns, start_limit_ns)
         ]
 
-    def _lidar(self, name: str, lidar: LidarScenario) -> _Sensor:
-        device = Lidar(name, lidar, self._stage.sensor_path(lidar), self._stage.scene, self._seed)
-        timing = Timing(name, lidar, self._seed, trigger_jitter=False)
-        return _Sensor(f"lidars.{name}", timing, device, _measurement(timing, device, 0))
-
-    def _camera(self, name: str, camera: CameraScenario) -> _Sensor:
-        path, sun = self._stage.sensor_path(camera), self._stage.scenario.sun
-        device = Camera(name, camera, path, self._stage.scene, sun, self._seed)
-        timing = Timing(name, camera, self._seed, trigger_jitter=True)
-        return _Sensor(f"cameras.{name}", timing, device, _measurement(timing, device, 0))
+    def _sensor(self, full_name: str, name: str, sensor: LidarScenario | CameraScenario) -> _Sensor:
+        path, scene, seed = self._stage.sensor_path(sensor), self._stage.scene, self._seed
+        timing = Timing(name, sensor, seed, trigger_jitter=isinstance(sensor, CameraScenario))
+        device: Lidar | Camera
+        if isinstance(sensor, LidarScenario):
+            device = Lidar(name, sensor, path, scene, seed)
+        else:
+            device = Camera(name, sensor, path, scene, self._stage.scenario.sun, seed)
+        return _Sensor(full_name, timing, device, _measurement(timing, device, 0))
 
     def _measured(self, sensor: _Sensor, measurement: Measurement) -> Measured:
         device, timing, number = sensor.device, sensor.timing, measurement.number
@@ -123,20 +124,15 @@ def _due(sensor: _Sensor, until_ns: int, start_limit_ns: int) -> Iterator[Measur
 
 def _measurement(timing: Timing, device: Lidar | Camera, number: int) -> Measurement:
     if isinstance(device, Lidar):
-        return timing.measurement(number, begin_ns=device.begin_ns(number), end_ns=device.end_ns(number))
+        return timing.measurement(number, begin_ns=device.begin_ns(number), end_ns=device.begin_ns(number + 1))
     return timing.measurement(number, lasts_ns=device.after_ns)
 
 
 def _cloud_fields(sweep: Sweep) -> dict[str, Array]:
     """The fields of the ROS velodyne driver (x y z intensity ring time), and the return type in dual mode."""
-    fields: dict[str, Array] = {
-        "x": sweep.xyz[:, 0],
-        "y": sweep.xyz[:, 1],
-        "z": sweep.xyz[:, 2],
-        "intensity": sweep.intensity,
-        "ring": sweep.ring,
-        "time": sweep.time_offset_s,
-    }
+    x, y, z = sweep.xyz.T
+    fields: dict[str, Array] = {"x": x, "y": y, "z": z, "intensity": sweep.intensity, "ring": sweep.ring}
+    fields["time"] = (sweep.time_offset_ns * 1e-9).astype(np.float32)
     return fields if sweep.return_type is None else fields | {"return_type": sweep.return_type}
 
 

@@ -4,27 +4,20 @@ The messages do not depend on the steps or the number of workers: each measureme
 seed and its own number.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from lidcam.bags.simulator.recorder.messages import (
-    Hypothesis,
-    MessageFactory,
-    TrueObject,
-    class_of,
-    counted,
-    counted_by,
-)
+from lidcam.bags.simulator.recorder.messages import Hypothesis, MessageFactory, TrueObject, class_of, counted, seen_by
 from lidcam.bags.simulator.recorder.processes import SensingProcess
 from lidcam.bags.simulator.recorder.recorded import STEP_NS, Measured, Recorded, SensingTask
 from lidcam.bags.simulator.recorder.sensing import Sensing
 from lidcam.bags.simulator.recorder.stage import Stage, recorded_extrinsics
 from lidcam.bags.simulator.scenario.scenario import EGO_FRAME, command_topic, controller_topics
 from lidcam.bags.simulator.vehicles.ackermann import AckermannCommand
-from lidcam.bags.simulator.vehicles.trajectory import State
 from lidcam.bags.simulator.world.bodies.dimensions import shape_of
+from lidcam.bags.simulator.world.motion import State
 from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.core.ros.vision_numbers import IMAGE_PIXELS, LIDAR_POINTS
 
@@ -105,7 +98,7 @@ class StateMessages:
             counts = [int(hits[name][row]) for name in names]
             totals.append(counted(kind, sum(counts)))
             sensors = [name.partition(".")[2] for name in names]
-            shares += [counted_by(kind, n, name, k) for k, (n, name) in enumerate(zip(counts, sensors, strict=True))]
+            shares += [seen_by(kind, n, name, k) for k, (n, name) in enumerate(zip(counts, sensors, strict=True))]
         return class_of(self._stage.scene.movers[row].class_name), *totals, *shares
 
     def _message(self, topic: str, time_ns: int, message: Any, *, after: int = 1) -> Recorded:
@@ -168,7 +161,7 @@ class Simulation:
         static = self._messages.transforms(0, recorded_extrinsics(self.scenario))
         self._waiting: list[Recorded] = [self._messages.recorded(0, "/tf_static", 0, static, latched=True)]
         self._measured: list[Measured] = []
-        self._truths: list[tuple[int, bool]] = []  # times, each for one of the two topics
+        self._truths: list[tuple[int, int, Callable[[int, list[Measured]], Recorded]]] = []  # see `_record_truths`
         self._commands: dict[str, AckermannCommand] = {}
 
     @property
@@ -197,7 +190,7 @@ class Simulation:
         self._measure(until_ns, start_limit_ns=until_ns)
         self._waiting += self._states.between(begin_ns, until_ns)
         for time_ns in moments(self.scenario.recording.truth_rate_hz, begin_ns, until_ns):
-            self._truths += [(time_ns, False), (time_ns, True)]
+            self._truths += [(time_ns, 1, self._states.truth), (time_ns, 2, self._states.truth_when_measured)]
         self._record_truths(until_ns)
         self._stage.forget(until_ns)
         self._measured = [one for one in self._measured if one.until_ns > until_ns - 3 * self._stage.longest_ns]
@@ -232,13 +225,10 @@ class Simulation:
         self._waiting += [recorded for one in measured for recorded in one.recorded]
 
     def _record_truths(self, until_ns: int) -> None:
-        """Record the ground truth of times for which all measurements are complete."""
-        pending = []
-        for time_ns, when_measured in self._truths:
-            if time_ns + (2 if when_measured else 1) * self._stage.longest_ns > until_ns:
-                pending.append((time_ns, when_measured))
-            elif when_measured:
-                self._waiting.append(self._states.truth_when_measured(time_ns, self._measured))
+        """Record the ground truth of times at which all measurements are complete, one or two of the longest later."""
+        pending, self._truths = self._truths, []
+        for time_ns, measurements, truth in pending:
+            if time_ns + measurements * self._stage.longest_ns > until_ns:
+                self._truths.append((time_ns, measurements, truth))
             else:
-                self._waiting.append(self._states.truth(time_ns, self._measured))
-        self._truths = pending
+                self._waiting.append(truth(time_ns, self._measured))

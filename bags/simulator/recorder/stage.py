@@ -9,11 +9,9 @@ from lidcam.bags.simulator.scenario.scenario import EGO_FRAME, Scenario, Vehicle
 from lidcam.bags.simulator.scenario.sensors import CameraScenario, SensorScenario
 from lidcam.bags.simulator.sensors.lens import camera_model
 from lidcam.bags.simulator.vehicles.traffic import Traffic
-from lidcam.bags.simulator.world.bodies.cyclist import cyclist_parts
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
-from lidcam.bags.simulator.world.bodies.hulls import front_wheel, steered_wheel
-from lidcam.bags.simulator.world.bodies.motor_vehicles import PAINT, motor_vehicle
-from lidcam.bags.simulator.world.bodies.pedestrian import pedestrian_parts
+from lidcam.bags.simulator.world.bodies.motor_vehicles import PAINT, front_wheel, motor_vehicle, steered_wheel
+from lidcam.bags.simulator.world.bodies.people import cyclist_parts, pedestrian_parts
 from lidcam.bags.simulator.world.mesh import Mesh, paint
 from lidcam.bags.simulator.world.motion import (
     T_BODY_OPTICAL,
@@ -63,11 +61,12 @@ def true_rig(scenario: Scenario) -> Rig:
     The sandbox has the zones of the predecessor system.
     """
     frame = EGO_FRAME if scenario.ego else scenario.site_frame
-    lidars, cameras = [], []
-    for name, lidar in scenario.lidars.items():
-        if carrier_frame(scenario, lidar) == frame:
-            topic = lidar.packets_topic if lidar.output == "packets" else lidar.topic
-            lidars.append(LidarSensor(name, topic, T_carrier_sensor(scenario, lidar)))
+    lidars = [
+        LidarSensor(name, lidar.topics[0], T_carrier_sensor(scenario, lidar))
+        for name, lidar in scenario.lidars.items()
+        if carrier_frame(scenario, lidar) == frame
+    ]
+    cameras = []
     for name, camera in scenario.cameras.items():
         if carrier_frame(scenario, camera) == frame:
             boxes_topic = camera.detector.topic if camera.detector else ""

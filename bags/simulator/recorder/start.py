@@ -52,9 +52,9 @@ def simulating(
     start for `Simulation.command`.
     """
     mine, *others = shared_out(scenario, os.cpu_count() or 1 if workers is None else workers)
+    task = SensingTask(scenario, tuple(driven), ros_version, mine)
     with ExitStack() as stack:
-        tasks = [SensingTask(scenario, tuple(driven), ros_version, names) for names in others]
-        processes = [stack.enter_context(closing(SensingProcess(task))) for task in tasks]
+        processes = [stack.enter_context(closing(SensingProcess(task._replace(names=names)))) for names in others]
         from lidcam.bags.simulator.recorder.simulation import Simulation  # Open3D takes a second or two
 
-        yield Simulation(SensingTask(scenario, tuple(driven), ros_version, mine), processes)
+        yield Simulation(task, processes)

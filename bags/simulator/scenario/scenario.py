@@ -66,12 +66,8 @@ Posture = Literal["upright", "sitting", "stooping", "reaching"]
 Scale = Annotated[float, Field(ge=0.3, le=3)]
 
 CONTROLLERS = (
-    "left_rear_wheel_velocity_controller",
-    "right_rear_wheel_velocity_controller",
-    "left_front_wheel_velocity_controller",
-    "right_front_wheel_velocity_controller",
-    "left_steering_hinge_position_controller",
-    "right_steering_hinge_position_controller",
+    *(f"{wheel}_wheel_velocity_controller" for wheel in ("left_rear", "right_rear", "left_front", "right_front")),
+    *(f"{side}_steering_hinge_position_controller" for side in ("left", "right")),
 )
 """Names of the controllers, as in the predecessor system, in the order of their commands."""
 
@@ -178,9 +174,8 @@ class Scenario(SettingsModel):
     def _names_lead_somewhere(self) -> "Scenario":
         for name, vehicle in self.vehicles.items():
             if vehicle.route and vehicle.route not in self.routes:
-                raise ValueError(
-                    f"vehicles.{name}.route: expected one of {listed(self.routes)}, found {vehicle.route!r}"
-                )
+                known = listed(self.routes)
+                raise ValueError(f"vehicles.{name}.route: expected one of {known}, found {vehicle.route!r}")
             if vehicle.route and vehicle.keys:
                 raise ValueError(f"vehicles.{name}: expected a route or keys, found both")
             if vehicle.shape == "pedestrian" and (vehicle.commands or vehicle.keys or vehicle.ego):
@@ -201,9 +196,8 @@ class Scenario(SettingsModel):
                 raise ValueError(f"{name}.mounted_on: expected the ego vehicle or nothing, found {sensor.mounted_on!r}")
         for name, lidar in ((f"lidars.{key}", value) for key, value in self.lidars.items()):
             if lidar.output != "points" and (lidar.model == "linear" or not lidar.packets_topic):
-                raise ValueError(
-                    f"{name}: expected a Velodyne model and a packets_topic for packets, found {lidar.model}"
-                )
+                expected = "expected a Velodyne model and a packets_topic for packets"
+                raise ValueError(f"{name}: {expected}, found {lidar.model}")
             if lidar.output != "points" and lidar.firing_stride != 1:
                 expected = "expected 1 for packets, which hold every firing"
                 raise ValueError(f"{name}.firing_stride: {expected}, found {lidar.firing_stride}")

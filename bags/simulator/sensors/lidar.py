@@ -50,11 +50,6 @@ class Sweep:
     def __len__(self) -> int:
         return len(self.xyz)
 
-    @property
-    def time_offset_s(self) -> F32:
-        """(N,) seconds after `begin_ns`."""
-        return (self.time_offset_ns * 1e-9).astype(np.float32)
-
 
 class Lidar:
     """One lidar of a scenario, whose name seeds its random numbers, too.
@@ -73,12 +68,8 @@ class Lidar:
         self._dual = scenario.return_mode == "dual"
 
     def begin_ns(self, number: int) -> int:
-        """True time of the first firing of a sweep."""
+        """True time of the first firing of a sweep, when the one before is complete: paths of movers must reach it."""
         return self._pattern.begin_ns(number)
-
-    def end_ns(self, number: int) -> int:
-        """True time when a sweep is complete; the movers' paths must reach it before `sweep` is called."""
-        return self._pattern.begin_ns(number + 1)
 
     def sweep(self, number: int) -> Sweep:
         """One turn; independent of other calls."""
@@ -86,7 +77,9 @@ class Lidar:
         range_m, share, mover = self._received(beams, number)
         steps = np.rint(range_m / self._pattern.range_step_m)
         steps[steps > MAX_STEPS] = NO_ECHO
-        range_m, brightness = steps * self._pattern.range_step_m, self._brightness(share)
+        range_m = steps * self._pattern.range_step_m
+        scaled = self.scenario.intensity_gain * intensity(share) - self.scenario.intensity_floor
+        brightness = np.clip(np.rint(scaled), 0, 255)
         packets = None
         if self.scenario.output != "points" and isinstance(self._pattern, VelodynePattern):
             shape = (*beams.times_ns.shape, *([2] if self._dual else []))
@@ -120,10 +113,6 @@ class Lidar:
             offsets_ns,
             packets,
         )
-
-    def _brightness(self, share: F64) -> F64:
-        scaled = self.scenario.intensity_gain * intensity(share) - self.scenario.intensity_floor
-        return np.asarray(np.clip(np.rint(scaled), 0, 255))
 
     def _received(self, beams: Beams, number: int) -> tuple[F64, F64, I64]:
         """Noisy range (0 for no echo), share of light, mover: (N, 1), or (N, 2) for the last and the strongest echo."""
@@ -263,16 +252,9 @@ def edge_beams(
     """Whether a beam has an edge on a side, of its own surface or of its neighbour's: (F, L, 4) by `Side`.
 
     The nearer of two surfaces ends between two beams if its plane would still be in front at the other beam: a floor
-    seen at a grazing angle or the foot of a wall is no edge.
-
-    Args:
-        distance_m: (F, L) by firing and laser; infinite for a miss.
-        normal: (F, L, 3) normals of the surfaces, towards the beams.
-        origins: (F, L, 3) origins of the beams, metres.
-        directions: (F, L, 3) unit vectors.
-        step_m: Smaller jumps in range are ignored.
-        reach_m: Jumps beyond this range are ignored.
-        by_elevation: (L,) lasers from the lowest to the highest.
+    seen at a grazing angle or the foot of a wall is no edge. Jumps in range smaller than `step_m` or beyond `reach_m`
+    are ignored. Distances are (F, L) by firing and laser, infinite for a miss; normals, origins and directions (F, L,
+    3) as of `Rays` and `Hits`; `by_elevation` (L,) has the lasers from the lowest to the highest.
     """
     firings, lasers = distance_m.shape
     range_m = np.minimum(distance_m, SKY_M)

@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 
 from lidcam.bags.simulator.scenario.scenario import SunScenario
-from lidcam.bags.simulator.world.grounds import SIZE, noise
 from lidcam.bags.simulator.world.mesh import Material
 from lidcam.bags.simulator.world.scene import dotted
+from lidcam.bags.simulator.world.textures import SIZE, noise
 from lidcam.pipeline.core.arrays import F32, F64, I64
 
 SUN_RGB = np.array([1.15, 1.08, 0.95], np.float32)  # irradiance facing the sun
@@ -74,9 +74,7 @@ class Light:
         sun = np.asarray(albedo * (facing_sun[:, None] * SUN_RGB), np.float32)
         mirrors = np.flatnonzero(self._mirror.take(material) > 0)
         if len(mirrors):
-            self._add_mirrored(
-                rest, sun, mirrors, material.take(mirrors), normal.take(mirrors, 0), directions.take(mirrors, 0)
-            )
+            self._add_mirrored(rest, sun, mirrors, material, normal, directions)
         if len(distance) and distance.max() > 0.01 * HAZE_M:
             clear = self.clearness(distance)[:, None]
             rest += (1 - clear) * (HORIZON_RGB * np.float32(0.85) - rest)
@@ -89,8 +87,9 @@ class Light:
 
     def _add_mirrored(self, rest: F32, sun: F32, rows: I64, material: I64, normal: F32, directions: F32) -> None:
         """Add the reflected sky and the sun's glint to some of the points, in place."""
+        normal, directions = normal.take(rows, 0), directions.take(rows, 0)
         against = np.clip(-dotted(normal, directions), 0.0, 1.0)
-        base = self._mirror.take(material)
+        base = self._mirror.take(material.take(rows))
         fresnel = base + (1 - base) * _squared(1 - against, 2) * (1 - against)
         mirrored = directions + (2 * against)[:, None] * normal
         glint = _squared(np.clip(dotted(mirrored, self._towards), 0.0, 1.0), GLINT_SQUARINGS)

@@ -10,9 +10,18 @@ import numpy as np
 
 from lidcam.bags.simulator.sensors.lens import Lens
 from lidcam.bags.simulator.sensors.light import Light
-from lidcam.bags.simulator.sensors.still import BESIDE_PX, Still, contrasts, lit_surfaces, turned
+from lidcam.bags.simulator.sensors.still import BESIDE_PX, Still, contrasts, lit_surfaces
 from lidcam.bags.simulator.world.motion import Poses
-from lidcam.bags.simulator.world.scene import STATIC, PartHits, PartSurfaces, PlacedPart, Scene, Surfaces, passing_rays
+from lidcam.bags.simulator.world.scene import (
+    STATIC,
+    PartHits,
+    PartSurfaces,
+    PlacedPart,
+    Scene,
+    Surfaces,
+    mapped,
+    passing_rays,
+)
 from lidcam.pipeline.core.arrays import F32, F64, I16, I64, Bools
 from lidcam.pipeline.core.geometry.boxes import box_corners
 
@@ -139,8 +148,7 @@ class _View:
     def darkness(self, points: F32) -> F32:
         """Share (N,) of skylight that it blocks at points near the ground below and around it."""
         rotation, translation = self.base.rotation[0].astype(np.float32), self.base.translation[0].astype(np.float32)
-        to_local = np.concatenate([rotation.T, -(rotation.T @ translation)[:, None]], 1)
-        x, y, z = cv2.transform(points[:, None], to_local).reshape(-1, 3).T
+        x, y, z = mapped(points, rotation.T, -(rotation.T @ translation)).T
         beside = np.maximum(np.abs(x - np.float32(self.center[0])) - np.float32(0.46 * self.size[0]), 0)
         ahead = np.maximum(np.abs(y - np.float32(self.center[1])) - np.float32(0.46 * self.size[1]), 0)
         away = np.sqrt(beside * beside + ahead * ahead) * np.float32(1 / (CONTACT_REACH * self.size[2]))
@@ -155,14 +163,11 @@ def put_movers(scene: Scene, light: Light, lens: Lens, still: Still, time_ns: in
     views = [_View(scene, row, light, lens, to_camera, lowest_m, time_ns) for row in range(len(scene.movers))]
     alone_px, alone_xyxy = np.zeros(len(views), np.int64), np.full((len(views), 4), np.nan)
     owner = np.full(len(still.linear), STATIC, np.int16)
-    around = _around([window for view in views for window in (view.window, view.contact_window, view.shadow_window)])
-    if _is_empty(around):
+    windows = [window for view in views for window in (view.window, view.contact_window, view.shadow_window)]
+    if all(map(_is_empty, windows)):
         return Moving(np.empty(0, np.int64), np.empty((0, 3), np.float32), owner, alone_px, alone_xyxy)
-    crop, shape = _slices(around), (lens.height, lens.width)
-    depth, linear = np.empty_like(still.distance), np.empty_like(still.linear)  # not used outside the crop
-    depth.reshape(shape)[crop] = still.distance.reshape(shape)[crop]
-    linear.reshape(*shape, 3)[crop] = still.linear.reshape(*shape, 3)[crop]
-    samples = _Samples(still.pose.translation[0], still.directions, depth)
+    linear = still.linear.copy()
+    samples = _Samples(still.pose.translation[0], still.directions, still.distance.copy())
     for view in views:
         if _is_empty(view.window):
             continue
@@ -267,7 +272,7 @@ def _smoothed(
     `ground` (E, 3) is their light without movers, but with the movers' shadows.
     """
     beside = np.concatenate([lens.directions_beside(pixels, offset) for offset in BESIDE_PX])
-    origin, directions = still.pose.translation[0], turned(still.pose, beside)
+    origin, directions = still.pose.translation[0], mapped(beside, still.pose.rotation[0])
     samples = _Samples(origin, directions, np.full(len(directions), np.inf, np.float32))
     y, x = np.divmod(pixels, lens.width)
     for view in views:
@@ -279,7 +284,7 @@ def _smoothed(
                 samples.cast(view.row, part, np.concatenate([inside + step * len(pixels) for step in range(4)]))
     # A static surface can be in front of a mover only if it is that near at a neighbouring pixel, too.
     doubtful = np.flatnonzero(np.isfinite(samples.depth) & (samples.depth >= np.tile(still.nearest.take(pixels), 4)))
-    behind = scene.static.distance(origin, directions.take(doubtful, 0))
+    behind = scene.static.answer(origin, directions.take(doubtful, 0))["t_hit"].numpy()
     samples.hide(doubtful.compress(behind <= samples.depth.take(doubtful)))
     colors = np.tile(ground, (4, 1))
     rows, _, surfaces = samples.nearest()
@@ -290,15 +295,6 @@ def _smoothed(
 def _corners(center: F64, size: F64) -> F64:
     """(8, 3) corners of an upright box."""
     return np.asarray(box_corners(center[None], size[None], np.zeros(1))[0])
-
-
-def _around(windows: Sequence[Window]) -> Window:
-    """The smallest window around all non-empty ones."""
-    shown = [window for window in windows if not _is_empty(window)]
-    if not shown:
-        return EMPTY
-    left, top, right, bottom = zip(*shown, strict=True)
-    return min(left), min(top), max(right), max(bottom)
 
 
 def _is_empty(window: Window) -> bool:
@@ -316,10 +312,9 @@ def _extent(parts: Sequence[I64], lens: Lens) -> tuple[int, F64]:
 
     Pixels that the lens does not cover show nothing.
     """
-    shown = np.zeros((lens.height, lens.width), np.bool_)
+    shown = np.zeros((lens.height, lens.width), np.uint8)
     for pixels in parts:
-        shown.reshape(-1)[pixels.compress(lens.covered.take(pixels))] = True
-    columns, rows = np.flatnonzero(shown.any(0)), np.flatnonzero(shown.any(1))
-    if not len(columns):
-        return 0, np.full(4, np.nan)
-    return int(shown.sum()), np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], np.float64)
+        shown.reshape(-1)[pixels.compress(lens.covered.take(pixels))] = 1
+    left, top, width, height = cv2.boundingRect(shown)
+    box = (left, top, left + width, top + height) if width else np.full(4, np.nan)
+    return cv2.countNonZero(shown), np.array(box, np.float64)

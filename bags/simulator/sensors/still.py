@@ -8,7 +8,7 @@ import numpy as np
 from lidcam.bags.simulator.sensors.lens import Lens
 from lidcam.bags.simulator.sensors.light import Light, Shading
 from lidcam.bags.simulator.world.motion import Poses
-from lidcam.bags.simulator.world.scene import Scene, Surfaces
+from lidcam.bags.simulator.world.scene import Scene, Surfaces, mapped
 from lidcam.bags.simulator.world.textures import surface_rgb
 from lidcam.pipeline.core.arrays import F32, Bools
 
@@ -38,7 +38,7 @@ class Still:
 
 def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
     """Render every pixel of a view, those that differ from their neighbours with four samples."""
-    directions = turned(pose, lens.directions)
+    directions = mapped(lens.directions, pose.rotation[0])
     n = len(directions)
     distance, points = np.empty(n, np.float32), np.empty((n, 3), np.float32)
     rest, sun = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
@@ -52,7 +52,8 @@ def take_still(scene: Scene, light: Light, lens: Lens, pose: Poses) -> Still:
     mixed = np.flatnonzero(contrasts((rest + sun).reshape(lens.height, lens.width, 3)) & _inner(lens))
     for first in range(0, len(mixed), RAYS_AT_ONCE // 4):
         pixels = mixed[first : first + RAYS_AT_ONCE // 4]
-        beside = turned(pose, np.concatenate([lens.directions_beside(pixels, offset) for offset in BESIDE_PX]))
+        offset_by = [lens.directions_beside(pixels, offset) for offset in BESIDE_PX]
+        beside = mapped(np.concatenate(offset_by), pose.rotation[0])
         shading = lit_surfaces(scene, light, scene.static.surfaces(pose.translation[0], beside))
         rest[pixels] = shading.rest.reshape(4, -1, 3).mean(0)
         sun[pixels] = shading.sun.reshape(4, -1, 3).mean(0)
@@ -89,14 +90,6 @@ def lit_surfaces(scene: Scene, light: Light, surfaces: Surfaces) -> Shading:
     return shading
 
 
-def turned(pose: Poses, vectors: F32) -> F32:
-    """Vectors (N, 3) of the optical frame, rotated to the world."""
-    if not len(vectors):
-        return np.empty((0, 3), np.float32)
-    rotation = pose.rotation[0].astype(np.float32)
-    return np.asarray(cv2.transform(vectors[:, None], rotation).reshape(-1, 3), np.float32)
-
-
 def contrasts(linear: F32) -> Bools:
     """Whether pixels of an image (H, W, 3) of light differ from a neighbour: (H * W,)."""
     brightness = np.sqrt(linear @ LUMINANCE)
@@ -121,9 +114,8 @@ def sky_light(scene: Scene, points: F32, normals: F32) -> F32:
         return np.ones((height, width), np.float32)
     grid = np.ix_(rows, columns)
     starts, up = points[grid].reshape(-1, 3), normals[grid].reshape(-1, 3)
-    across = np.cross(
-        up, np.where(np.abs(up[:, 2:]) < 0.9, np.array([0, 0, 1], np.float32), np.array([1, 0, 0], np.float32))
-    )
+    z_axis, x_axis = np.eye(3, dtype=np.float32)[[2, 0]]
+    across = np.cross(up, np.where(np.abs(up[:, 2:]) < 0.9, z_axis, x_axis))
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), np.float32(1e-9))
     along = np.cross(up, across)
     free, asked = np.zeros(len(up)), np.zeros(len(up))

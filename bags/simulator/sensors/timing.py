@@ -16,9 +16,8 @@ MS = 1_000_000
 
 def random_numbers(seed: int, name: str, purpose: str, number: int) -> np.random.Generator:
     """The random generator of one measurement of one sensor, for one purpose."""
-    return np.random.Generator(
-        np.random.PCG64(np.random.SeedSequence([seed, crc32(name.encode()), crc32(purpose.encode()), number]))
-    )
+    seeds = [seed, crc32(name.encode()), crc32(purpose.encode()), number]
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seeds)))
 
 
 @dataclass(frozen=True, slots=True)

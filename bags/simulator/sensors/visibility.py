@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from lidcam.bags.simulator.scenario.sensors import Detector2DScenario
@@ -37,9 +38,8 @@ def visible_boxes(image: CameraImage) -> F64:
     boxes = np.full((len(image.alone_px), 4), np.nan)
     for row in np.flatnonzero(image.seen_px):
         left, top, right, bottom = image.alone_xyxy[row].astype(int)
-        shown = image.movers[top:bottom, left:right] == row
-        columns, rows = np.flatnonzero(shown.any(0)), np.flatnonzero(shown.any(1))
-        boxes[row] = left + columns[0], top + rows[0], left + columns[-1] + 1, top + rows[-1] + 1
+        x, y, width, height = cv2.boundingRect((image.movers[top:bottom, left:right] == row).astype(np.uint8))
+        boxes[row] = left + x, top + y, left + x + width, top + y + height
     return boxes
 
 
@@ -70,8 +70,7 @@ def projected_box(model: CameraModel, to_camera: Poses, parts: tuple[Part, ...],
     pixels, valid = model.project(points)
     if not valid.all():  # beyond the lens model, and so beyond the image: only the direction matters
         x, y, z = points[~valid].T
-        beyond = np.stack([x / z * model.K[0, 0] + model.K[0, 2], y / z * model.K[1, 1] + model.K[1, 2]], 1)
-        pixels[~valid] = beyond
+        pixels[~valid] = np.c_[x / z * model.K[0, 0] + model.K[0, 2], y / z * model.K[1, 1] + model.K[1, 2]]
     size = np.array([model.width_px, model.height_px], np.float64)
     pixels = np.clip(pixels, -size, 2 * size)
     return np.concatenate([pixels.min(0), pixels.max(0)])

@@ -11,14 +11,13 @@ from lidcam.bags.simulator.vehicles.ackermann import HABITS, AckermannCommand, H
 from lidcam.bags.simulator.vehicles.footprints import Rectangle, discs_of
 from lidcam.bags.simulator.vehicles.right_of_way import Stretch, Traveller, distance_to_stop
 from lidcam.bags.simulator.vehicles.routes import Route, pure_pursuit
-from lidcam.bags.simulator.vehicles.trajectory import State
 from lidcam.bags.simulator.world.bodies.dimensions import shape_of
+from lidcam.bags.simulator.world.motion import State
 from lidcam.pipeline.core.arrays import F64
 
 MAX_STANDING_M_S = 0.02
 LINE_GAP = 0.4  # gap before a stop line, as a share of the gap behind a car
 REACTION_S = 0.5  # delay before starting when the way becomes free
-PLANNED_BRAKING = 0.5  # share of the hardest braking that plans may use; the rest is for surprises
 MIN_SPEED_M_S = 0.05  # a driver who brakes below it stops altogether
 
 
@@ -42,9 +41,8 @@ def following_acceleration(
     wanted_m = 0.0
     if math.isfinite(gap_m):
         closing = speed_m_s * (speed_m_s - ahead_m_s)
-        dynamic = speed_m_s * habits.headway_s + closing / (
-            2 * math.sqrt(habits.acceleration_m_s2 * habits.braking_m_s2)
-        )
+        comfortable = 2 * math.sqrt(habits.acceleration_m_s2 * habits.braking_m_s2)
+        dynamic = speed_m_s * habits.headway_s + closing / comfortable
         wanted_m = habits.gap_m + max(dynamic, 0.0)
     crowded = (wanted_m / max(gap_m, 1e-3)) ** 2
     return max(habits.acceleration_m_s2 * (free - crowded), -habits.hard_braking_m_s2)
@@ -60,19 +58,8 @@ class Follower:
         self._line_at_m, self._reaction_s = 0.0, 0.0
         self._step_m = shape.size_m[1] / 2
         self._limits = _speed_limits(route, speed_m_s, habits, self._step_m)
-        self.traveller = Traveller(
-            order=order,
-            route=vehicle.route,
-            length_m=route.length_m,
-            closed=route.closed,
-            front_m=self._along_m + shape.front_m,
-            body_m=shape.size_m[0],
-            speed_m_s=speed_m_s,
-            cruise_m_s=speed_m_s,
-            acceleration_m_s2=habits.acceleration_m_s2,
-            hard_braking_m_s2=PLANNED_BRAKING * habits.hard_braking_m_s2,
-            gap_m=habits.gap_m,
-        )
+        front_m, body_m = self._along_m + shape.front_m, shape.size_m[0]
+        self.traveller = Traveller(order, vehicle.route, route, habits, front_m, body_m, speed_m_s, speed_m_s)
         start = route.point(self._along_m)
         self.first = State(start.x_m, start.y_m, start.yaw_rad, self._limit(self._along_m), walked_m=vehicle.walked_m)
         self.traveller.speed_m_s = self.first.speed_m_s
@@ -139,7 +126,7 @@ class Follower:
             return 0.0
         reach_m = self._habits.look_ahead_m + self._habits.look_ahead_s * state.speed_m_s
         goal = self._route.point(self._along_m + reach_m)
-        return pure_pursuit(state.x_m, state.y_m, state.yaw_rad, goal, self._chassis.wheel_base_m)
+        return pure_pursuit(state.x_m, state.y_m, state.yaw_rad, goal, self._shape.wheel_base_m)
 
     def _horizon_m(self, speed_m_s: float) -> float:
         habits = self._habits

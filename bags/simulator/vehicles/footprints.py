@@ -9,10 +9,11 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from lidcam.bags.simulator.scenario.scenario import ThingScenario
-from lidcam.bags.simulator.vehicles.trajectory import State
+from lidcam.bags.simulator.scenario.scenario import Scenario, ThingScenario
 from lidcam.bags.simulator.world.bodies.dimensions import Shape
 from lidcam.bags.simulator.world.mesh import Mesh
+from lidcam.bags.simulator.world.motion import State
+from lidcam.bags.simulator.world.places.places import static_mesh
 from lidcam.pipeline.core.arrays import F64, I64
 
 TRUNK_SHARE = 0.12  # width of a trunk as a share of the crown's
@@ -103,6 +104,15 @@ def things_in_the_way(things: Iterable[ThingScenario], *, step_m: float, headroo
     return tuple(found)
 
 
+def in_the_way(scenario: Scenario, static: Mesh | None = None) -> tuple[Rectangle, ...]:
+    """The footprints of what a scenario's vehicles cannot pass; a static world replaces that of the scenario."""
+    model = any(vehicle.shape == "model_car" for vehicle in scenario.vehicles.values())
+    if scenario.world == "open":
+        return things_in_the_way(scenario.things, **(MODEL_SIZE if model else FULL_SIZE))
+    bodies = static_mesh(scenario.world) if static is None else static
+    return obstacles_of(bodies, **(MODEL_SIZE if scenario.world == "sandbox" else FULL_SIZE))
+
+
 class Obstacles:
     """Rectangles with a lookup by position."""
 
@@ -123,7 +133,6 @@ class Obstacles:
 
 def _under(corners: F64) -> Rectangle:
     """The smallest rectangle around points (N, 2), of any yaw."""
-    middle = corners.mean(0)  # OpenCV uses single precision: stay near the origin
-    (x, y), (length, width), turn_deg = cv2.minAreaRect((corners - middle).astype(np.float32))
-    x, y = float(x + middle[0]), float(y + middle[1])
-    return Rectangle(x, y, float(np.deg2rad(turn_deg)), float(length), float(width))
+    x, y = corners.mean(0).tolist()  # OpenCV uses single precision: stay near the origin
+    (dx, dy), (length, width), turn_deg = cv2.minAreaRect((corners - (x, y)).astype(np.float32))
+    return Rectangle(x + dx, y + dy, float(np.deg2rad(turn_deg)), length, width)

@@ -12,12 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import label
 
+from lidcam.bags.simulator.vehicles.ackermann import Habits
 from lidcam.bags.simulator.vehicles.routes import Route
 from lidcam.bags.simulator.world.bodies.dimensions import Shape
 from lidcam.pipeline.core.arrays import F64, I64, Bools
 
 MIN_CROSSING_RAD = math.radians(20)  # routes at a smaller angle do not cross: the one behind follows
 APART_S = 0.8  # wanted between the other traveller's leaving and one's own arrival; doubled while waiting
+PLANNED_BRAKING = 0.5  # share of the hardest braking that plans may use; the rest is for surprises
 MAX_LEADERS = 20  # followed up a queue; a ring has no first one
 
 
@@ -39,16 +41,13 @@ class Traveller:
     """A traveller on a route, as others judge it."""
 
     order: int  # breaks ties: the lower one goes first
-    route: str
-    length_m: float  # of the route
-    closed: bool  # the route is
+    route: str  # its name
+    path: Route
+    habits: Habits
     front_m: float  # position of its front on the route
     body_m: float  # from front to rear
     speed_m_s: float
     cruise_m_s: float  # target speed
-    acceleration_m_s2: float  # towards the target speed
-    hard_braking_m_s2: float  # hardest braking it plans with
-    gap_m: float  # left before a stop line
     stops_in_m: float = math.inf  # distance to where its front plans to stop
     leader: "Traveller | None" = None  # the traveller ahead of it
 
@@ -64,27 +63,26 @@ class Traveller:
     def distance_to(self, start_m: float, length_m: float) -> float:
         """From its front to a stretch; zero or less inside, infinite once it has left for good."""
         beyond = self.front_m - start_m
-        if self.closed:
-            beyond %= self.length_m
-            return -beyond if beyond < length_m + self.body_m else self.length_m - beyond
+        if self.path.closed:
+            beyond %= self.path.length_m
+            return -beyond if beyond < length_m + self.body_m else self.path.length_m - beyond
         return -beyond if beyond < length_m + self.body_m else math.inf
 
     def seconds_for(self, distance_m: float) -> float:
         """Time for a distance without hindrance."""
         if distance_m <= 0:
             return 0.0
-        speed, cruise = self.speed_m_s, max(self.cruise_m_s, self.speed_m_s, 1e-3)
-        gaining_s = (cruise - speed) / self.acceleration_m_s2
+        speed, cruise, rate = self.speed_m_s, max(self.cruise_m_s, self.speed_m_s, 1e-3), self.habits.acceleration_m_s2
+        gaining_s = (cruise - speed) / rate
         gaining_m = (speed + cruise) / 2 * gaining_s
         if distance_m >= gaining_m:
             return gaining_s + (distance_m - gaining_m) / cruise
-        rate = self.acceleration_m_s2
         return (math.sqrt(speed * speed + 2 * rate * distance_m) - speed) / rate
 
     @property
     def braking_m(self) -> float:
-        """Shortest stopping distance."""
-        return self.speed_m_s**2 / (2 * self.hard_braking_m_s2)
+        """Shortest stopping distance that it plans with."""
+        return self.speed_m_s**2 / (2 * (PLANNED_BRAKING * self.habits.hard_braking_m_s2))
 
 
 def shared_stretches(
@@ -125,7 +123,7 @@ def distance_to_stop(
     for distance_m, stretch in ahead:
         if distance_m > free_from_m:
             line_m = distance_m
-        free_from_m = max(free_from_m, distance_m + stretch.length_m + me.body_m + 2 * me.gap_m)
+        free_from_m = max(free_from_m, distance_m + stretch.length_m + me.body_m + 2 * me.habits.gap_m)
         if distance_m <= me.braking_m:
             continue
         rivals = (other for other in others.get(stretch.other, ()) if other is not me)

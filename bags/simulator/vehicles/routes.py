@@ -23,15 +23,8 @@ class RoutePoint(NamedTuple):
     curvature: float  # 1/m; positive to the left
 
 
-class _Piece(NamedTuple):
-    """A straight or an arc: start along the route, length, and the fields of its first `RoutePoint`."""
-
-    start_m: float
-    length_m: float
-    x_m: float
-    y_m: float
-    yaw_rad: float
-    curvature: float
+_Piece = tuple[float, float, float, float, float, float]
+"""A straight or an arc: start along the route, length, and the fields of its first `RoutePoint`."""
 
 
 class Route:
@@ -41,9 +34,9 @@ class Route:
     """
 
     def __init__(self, pieces: Sequence[_Piece], *, closed: bool) -> None:
-        last = pieces[-1]
-        self.closed, self.length_m = closed, last.start_m + last.length_m
-        self._turned = last.yaw_rad + last.length_m * last.curvature - pieces[0].yaw_rad if closed else 0.0
+        start_m, length_m, _, _, yaw_rad, curvature = pieces[-1]
+        self.closed, self.length_m = closed, start_m + length_m
+        self._turned = yaw_rad + length_m * curvature - pieces[0][4] if closed else 0.0
         self._table = np.array(pieces, np.float64)
 
     @classmethod
@@ -130,7 +123,7 @@ def _pieces(corners: Sequence[F64], radii: Sequence[float], *, closed: bool) -> 
     def add_piece(x: float, y: float, length: float, curvature: float) -> None:
         nonlocal along, yaw
         if length > MIN_PIECE_M:
-            pieces.append(_Piece(along, length, x, y, yaw, curvature))
+            pieces.append((along, length, x, y, yaw, curvature))
             along += length
         yaw += length * curvature
 

@@ -7,22 +7,12 @@ from collections.abc import Collection, Mapping
 from lidcam.bags.simulator.scenario.scenario import Scenario, VehicleScenario, listed
 from lidcam.bags.simulator.vehicles.ackermann import HABITS, Ackermann, AckermannCommand, chassis_of, commands_of_keys
 from lidcam.bags.simulator.vehicles.followers import Follower, Seen
-from lidcam.bags.simulator.vehicles.footprints import (
-    FULL_SIZE,
-    MODEL_SIZE,
-    Obstacles,
-    Rectangle,
-    footprint,
-    obstacles_of,
-    overlap,
-    things_in_the_way,
-)
+from lidcam.bags.simulator.vehicles.footprints import Obstacles, Rectangle, footprint, in_the_way, overlap
 from lidcam.bags.simulator.vehicles.right_of_way import Stretch, Traveller, shared_stretches
 from lidcam.bags.simulator.vehicles.routes import Route
-from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
 from lidcam.bags.simulator.world.bodies.dimensions import shape_of
 from lidcam.bags.simulator.world.mesh import Mesh
-from lidcam.bags.simulator.world.places.places import static_mesh
+from lidcam.bags.simulator.world.motion import State, Trajectory
 from lidcam.pipeline.core.errors import ConfigError
 
 STEP_NS = 10_000_000
@@ -95,7 +85,7 @@ class Traffic:
                 traveller = vehicle.follower.traveller
                 self._travellers.setdefault(traveller.route, []).append(traveller)
         self._stretches = _stretches_of(scenario, routes, self._travellers)
-        self._obstacles = Obstacles(_obstacles(scenario, static))
+        self._obstacles = Obstacles(in_the_way(scenario, static))
         self._refuse_overlaps()
         self.trajectories = {name: vehicle.trajectory for name, vehicle in self._vehicles.items()}
         self.chassis = {name: one.chassis for name, one in self._vehicles.items() if one.chassis is not None}
@@ -158,9 +148,10 @@ class Traffic:
     def _decide(self, now_ns: int) -> None:
         seen = {}
         for vehicle in self._vehicles.values():
+            traveller = None
             if vehicle.follower is not None:
                 vehicle.follower.observe(vehicle.state)
-            traveller = vehicle.follower.traveller if vehicle.follower is not None else None
+                traveller = vehicle.follower.traveller
             seen[vehicle.name] = Seen(vehicle.ground, vehicle.state, traveller)
         for vehicle in self._vehicles.values():
             if vehicle.follower is None:
@@ -195,14 +186,6 @@ class Traffic:
                     "move its start or route_start_m"
                 )
             placed.append(vehicle)
-
-
-def _obstacles(scenario: Scenario, static: Mesh | None) -> tuple[Rectangle, ...]:
-    model = any(vehicle.shape == "model_car" for vehicle in scenario.vehicles.values())
-    if scenario.world == "open":
-        return things_in_the_way(scenario.things, **(MODEL_SIZE if model else FULL_SIZE))
-    bodies = static_mesh(scenario.world) if static is None else static
-    return obstacles_of(bodies, **(MODEL_SIZE if scenario.world == "sandbox" else FULL_SIZE))
 
 
 def _apart(one: Rectangle, other: Rectangle) -> float:

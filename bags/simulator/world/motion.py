@@ -1,4 +1,4 @@
-"""Poses as arrays, paths that give them for any time, and moving things: rigid and articulated parts on paths."""
+"""Poses as arrays, paths that give them for any time, states over time, and moving things: parts on paths."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,9 +12,7 @@ from lidcam.pipeline.core.geometry.transform import Transform
 
 Vector = tuple[float, float, float]
 
-SAMPLE_NS = 2_000_000
-"""Time over which motion is taken as linear: at 10 rad/s that is right to 0.05 mm at a distance of one metre."""
-
+SAMPLE_NS = 2_000_000  # time over which motion is taken as linear: at 10 rad/s right to 0.05 mm at one metre
 T_BODY_OPTICAL = Transform("body", "optical", np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
 """From a camera's optical axes (x right, y down, z forward) to those of its body (x forward, y left, z up); REP 103."""
 
@@ -188,17 +186,87 @@ def placed_vertices(part: Part, time_ns: int) -> F64:
 
 
 SPEED, STEERING, WALKED = 3, 4, 5  # columns of `Trajectory.states`
+MIN_ROOM = 256  # of states
 STEP_M = np.linspace(-0.24, 0.24, 7)
 
 
-class Carrier(Protocol):
-    """The path of an articulated thing: a `Trajectory` or a `RaisedPath`."""
+class Carrier(Path, Protocol):
+    """The path of the base frame of an articulated thing: a `Trajectory` or a `RaisedPath`."""
 
     def states(self, times_ns: I64) -> F64:
-        """(N, 6) columns as the fields of `lidcam.bags.simulator.vehicles.trajectory.State`, at times (N,)."""
+        """(N, 6) columns as the fields of `State`, at times (N,)."""
+
+
+class State(NamedTuple):
+    """The state of a vehicle or pedestrian at one time."""
+
+    x_m: float  # of its base frame: below the rear axle, or below the middle of a pedestrian
+    y_m: float
+    yaw_rad: float  # not wrapped
+    speed_m_s: float = 0.0  # along the heading; negative backwards
+    steering_rad: float = 0.0  # at the middle of the front axle, positive to the left
+    walked_m: float = 0.0  # distance covered, which drives gait and pedalling
+
+
+class Trajectory:
+    """States at rising times, linear in between; a `Carrier`.
+
+    Before its first state it is at rest there; times after its last state are refused.
+    """
+
+    def __init__(self, time_ns: int, state: State) -> None:
+        self._times = np.empty(MIN_ROOM, np.int64)
+        self._states = np.empty((MIN_ROOM, 6), np.float64)
+        self._count = 0
+        self.append(time_ns, state)
+
+    def append(self, time_ns: int, state: State) -> None:
+        """Append a state, later than the last one."""
+        if self._count == len(self._times):
+            self._times = np.concatenate([self._times, np.empty_like(self._times)])
+            self._states = np.concatenate([self._states, np.empty_like(self._states)])
+        self._times[self._count] = time_ns
+        self._states[self._count] = state
+        self._count += 1
+
+    def forget(self, before_ns: int) -> None:
+        """Drop states that times from `before_ns` on do not need."""
+        first = max(int(np.searchsorted(self._times[: self._count], before_ns, side="right")) - 1, 0)
+        kept = self._count - first
+        self._times[:kept] = self._times[first : self._count].copy()
+        self._states[:kept] = self._states[first : self._count].copy()
+        self._count = kept
+
+    @property
+    def last(self) -> State:
+        """The last state."""
+        return State(*self._states[self._count - 1].tolist())
+
+    def states(self, times_ns: I64) -> F64:
+        """(N, 6) columns as the fields of `State`, at times (N,).
+
+        Raises:
+            ValueError: a time is later than the last state.
+        """
+        times = self._times[: self._count]
+        if len(times_ns) and times_ns.max() > times[-1]:
+            raise ValueError(f"expected times up to {times[-1]} ns, got {times_ns.max()}: simulate further first")
+        states = self._states[: self._count]
+        after = np.clip(np.searchsorted(times, times_ns, side="right"), 1, max(self._count - 1, 1))
+        if self._count == 1:
+            return np.repeat(states, len(times_ns), 0)
+        span = (times[after] - times[after - 1]).astype(np.float64)
+        share = np.clip((times_ns - times[after - 1]) / span, 0.0, 1.0)[:, None]
+        return np.asarray(states[after - 1] + share * (states[after] - states[after - 1]))
+
+    def state(self, time_ns: int) -> State:
+        """The state at one time; see `states`."""
+        return State(*self.states(np.array([time_ns], np.int64))[0].tolist())
 
     def poses(self, times_ns: I64) -> Poses:
-        """Poses (N) of the base frame at times (N,)."""
+        """Poses (N) of the base frame, on the ground (z = 0), at times (N,); see `states`."""
+        states = self.states(times_ns)
+        return upright_poses(np.c_[states[:, :2], np.zeros(len(states))], states[:, 2])
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,15 +308,6 @@ def pitched(angles: F64, x: F64 | float, y: float, z: F64 | float) -> Poses:
     cos, sin, zero, one = np.cos(angles), np.sin(angles), np.zeros_like(angles), np.ones_like(angles)
     rotation = np.stack([cos, zero, -sin, zero, one, zero, sin, zero, cos], -1).reshape(-1, 3, 3)
     return Poses(rotation, np.stack([zero + x, zero + y, zero + z], -1))
-
-
-def steered_fork(carrier: Carrier, hinge: tuple[float, float, float], rake_rad: float) -> ArticulatedPath:
-    """The path of a bicycle's fork, which turns about an axis through `hinge` that leans back by `rake_rad`."""
-
-    def place(states: F64) -> Poses:
-        return hinged(states[:, STEERING], rake_rad, np.array(hinge))
-
-    return ArticulatedPath(carrier, place)
 
 
 def hinged(angles: F64, lean_rad: float, hinge: F64) -> Poses:

@@ -118,22 +118,17 @@ def passing_rays(points: Floats, towards: F64, center: F64, radius: float) -> I6
     return np.flatnonzero((across2 <= radius * radius) & (along >= -radius))
 
 
-def mapped(vectors: F32, matrix: F64, shift: F64 | None = None) -> F32:
+def mapped(vectors: F32, matrix: Floats, shift: Floats | None = None) -> F32:
     """Vectors (N, 3) times a matrix, plus a shift; with so few columns ten times as fast as numpy."""
     if not len(vectors):
         return np.empty((0, 3), np.float32)
-    affine = matrix if shift is None else np.concatenate([matrix, shift[:, None]], 1)
-    mapped = cv2.transform(vectors[:, None], affine.astype(np.float32)).reshape(-1, 3)
-    return np.asarray(mapped, np.float32)
+    affine = matrix if shift is None else np.c_[matrix, shift]
+    return np.asarray(cv2.transform(vectors[:, None], affine.astype(np.float32)).reshape(-1, 3), np.float32)
 
 
 open3d = load_open3d()
 
-Columns = tuple[F64, F64, I64, I64, F64]
-
-BOX_MARGIN = 1.2
-"""Enlargement of a mover's box so that the sphere around it holds all parts: limbs may stick out of the box."""
-
+BOX_MARGIN = 1.2  # enlargement of a mover's box so that the sphere around it holds limbs that stick out of it
 _UNIT_CORNERS = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).T
 
 
@@ -181,10 +176,6 @@ class Body:
         material[~met] = NO_MATERIAL
         return Surfaces(origin, directions, distance, normal, material, local)
 
-    def distance(self, origin: F64, directions: F32) -> F32:
-        """Distance (N,) along rays from one point; infinite for a miss."""
-        return np.asarray(self.answer(origin, directions)["t_hit"].numpy())
-
     def occludes(self, origins: Floats, directions: Floats) -> Bools:
         """Whether each ray hits it."""
         rays = packed(origins, directions)
@@ -197,8 +188,8 @@ class PlacedPart:
 
     def __init__(self, body: Body, path: Path, time_ns: int) -> None:
         pose = path.poses(np.array([time_ns], np.int64))
-        self._body, self._rotation, self._translation = body, pose.rotation[0], pose.translation[0]
-        rotation, translation = self._rotation, self._translation
+        rotation, translation = pose.rotation[0], pose.translation[0]
+        self._body, self._rotation, self._translation = body, rotation, translation
         low, high = body.bounds
         self.corners: F64 = (low + _UNIT_CORNERS * (high - low)) @ rotation.T + translation
         self._center: F64 = (low + high) / 2 @ rotation.T + translation
@@ -248,18 +239,16 @@ class Scene:
 
         Sharing the time span of all rays between casts saves sampling the paths again.
         """
-        columns = self._static_columns(rays)
+        distance, normal, material = self.static.cast(rays.origins, rays.directions)
+        local = np.where(np.isfinite(distance), distance, 0.0)[:, None] * rays.directions + rays.origins
+        static = np.full(len(rays), STATIC, np.int64)
+        hits = Hits(distance, _facing(normal, rays.directions), material, static, local)
         if len(rays):
             extent, span = _Extent(rays), span or Span(rays.times_ns)
             for row in range(len(self.movers)):
                 for rows, seen in self._cast_mover(row, rays, extent, span):
-                    _put_nearer(columns, rows, seen)
-        return Hits(*columns)
-
-    def _static_columns(self, rays: Rays) -> Columns:
-        distance, normal, material = self.static.cast(rays.origins, rays.directions)
-        local = np.where(np.isfinite(distance), distance, 0.0)[:, None] * rays.directions + rays.origins
-        return distance, _facing(normal, rays.directions), material, np.full(len(rays), STATIC, np.int64), local
+                    _put_nearer(hits, rows, seen)
+        return hits
 
     def _cast_mover(self, row: int, rays: Rays, extent: "_Extent", span: Span) -> Iterator[tuple[I64, Hits]]:
         """Rows (K,) of the rays that hit a part of a mover, rising, and the hits (K), part by part."""
@@ -282,12 +271,12 @@ class Scene:
         return [PlacedPart(body, path, time_ns) for body, path in self._parts[row]]
 
 
-def _put_nearer(columns: Columns, rows: I64, others: Hits) -> None:
-    """Write the hits of `others` (K), which belong to the rays `rows` (K,), into the columns where they are nearer."""
-    closer = np.flatnonzero(others.distance_m < columns[0].take(rows))
+def _put_nearer(hits: Hits, rows: I64, others: Hits) -> None:
+    """Write the hits of `others` (K), which belong to the rays `rows` (K,), into `hits` where they are nearer."""
+    closer = np.flatnonzero(others.distance_m < hits.distance_m.take(rows))
     changed = rows.take(closer)
-    for column, name in zip(columns, Hits.__slots__, strict=True):
-        column[changed] = getattr(others, name).take(closer, 0)
+    for name in Hits.__slots__:
+        getattr(hits, name)[changed] = getattr(others, name).take(closer, 0)
 
 
 def _cast_part(row: int, body: Body, poses: Poses, rays: Rays) -> tuple[I64, Hits]:

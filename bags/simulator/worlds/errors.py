@@ -13,15 +13,10 @@ from lidcam.bags.simulator.scenario.sensors import CameraScenario, LidarScenario
 from lidcam.bags.simulator.sensors.timing import random_numbers
 from lidcam.pipeline.core.settings.model import SettingsModel
 
-CAMERA_TURN_DEG = (0.1, 0.3)
-"""Range of the rotation error of cameras: drives of KITTI, whose calibration is a careful one, have 0.12 to 0.15."""
-
-CAMERA_CLOCK_MS = (5.0, 20.0)
-"""Range of the time error of cameras, early or late: from an exposure to the read-out of a rolling shutter."""
-
-LIDAR_OFFSET_CM = (1.0, 3.0)
-"""Range of the mounting error of lidars: what a tape measure leaves."""
-
+# Ranges of errors.
+CAMERA_TURN_DEG = (0.1, 0.3)  # rotation of cameras: drives of KITTI, whose calibration is careful, have 0.12 to 0.15
+CAMERA_CLOCK_MS = (5.0, 20.0)  # time of cameras, early or late: from an exposure to the read-out of a rolling shutter
+LIDAR_OFFSET_CM = (1.0, 3.0)  # mounting of lidars: what a tape measure leaves
 EDGE_BIAS = 0.03
 """Maximum bias of an edge of a detector's boxes, in widths or heights of the box: the medians of YOLOX nano on what
 KITTI labels as whole are 1.5 to 2.8 %, inward left, above and right, outward below.

@@ -1,7 +1,7 @@
 """A world in the making: things and road users that do not stand in each other, and what stands beside roads."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -11,8 +11,8 @@ import numpy as np
 from lidcam.bags.simulator.scenario.scenario import RouteScenario, ThingKind, ThingScenario, VehicleScenario
 from lidcam.bags.simulator.vehicles.footprints import Rectangle, footprint, overlap, things_in_the_way
 from lidcam.bags.simulator.vehicles.routes import Route
-from lidcam.bags.simulator.vehicles.trajectory import State
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
+from lidcam.bags.simulator.world.motion import State
 
 Box = tuple[float, float, float]
 
@@ -70,25 +70,19 @@ class Site:
         size: Box,
         *,
         yaw_deg: float = 0.0,
-        bottom_m: float = 0.0,
-        reflectivity: float | None = None,
-        color: tuple[float, float, float] | None = None,
         margin_m: float = 0.05,
+        **settings: Any,
     ) -> bool:
-        """Add a thing if its place is free; whether it was.
+        """Add a thing if its place is free; whether it was. `settings` are further ones of `ThingScenario`.
 
         It keeps `margin_m` from all else, or where that is negative may stand in it, as walls do at corners.
         """
-        rough = self.between(0.05, 0.75) if reflectivity is None else reflectivity
-        made = ThingScenario(
-            kind=kind,
-            position_m=(round(x, 3), round(y, 3)),
-            size_m=size,
-            yaw_deg=round(yaw_deg, 2),
-            bottom_m=bottom_m,
-            color=color or self.color(),
-            reflectivity=rough,
-        )
+        if "reflectivity" not in settings:
+            settings["reflectivity"] = self.between(0.05, 0.75)
+        if "color" not in settings:
+            settings["color"] = self.color()
+        place, turned = (round(x, 3), round(y, 3)), round(yaw_deg, 2)
+        made = ThingScenario(kind=kind, position_m=place, size_m=size, yaw_deg=turned, **settings)
         ground = things_in_the_way([made], **self._limits)
         if margin_m >= 0 and not all(self._take(rectangle, margin_m) for rectangle in ground):
             return False
@@ -173,6 +167,7 @@ def first_state(vehicle: VehicleScenario, routes: dict[str, Route]) -> State:
 
 
 Place = tuple[float, float]
+Clutter = Callable[[Site, Place, float], None]
 
 
 def clutter(site: Site, at: Place, yaw_deg: float) -> None:
@@ -317,23 +312,24 @@ def _plants(site: Site, at: Place, yaw_deg: float) -> None:
         plant(site, _beside(at, yaw_deg, site.between(0.5, 1.2) * number, site.between(-0.4, 0.4)))
 
 
-def _car_sized(site: Site, at: Place, yaw_deg: float) -> None:
-    """A skip, a shed, a trailer, a block of hedge, a heap: as large as a car, or as a van."""
-    kind = site.pick("box", "box", "hedge", "lump", "bush", "fence")
-    size = (site.between(2.2, 5.5), site.between(1.2, 2.6), site.between(0.9, 2.6))
-    if kind == "fence":
-        size = (size[0], 0.1, size[2])
-    site.thing(kind, *at, size, yaw_deg=yaw_deg + site.pick(0, 0, 90) + site.between(-15, 15))
+def _bulky(*kinds: ThingKind, size: Sequence[tuple[float, float]], fence_m: float) -> Clutter:
+    """Things of some kinds with a size between limits, along the road or across it."""
+
+    def add(site: Site, at: Place, yaw_deg: float) -> None:
+        kind = site.pick(*kinds)
+        length, width, height = (site.between(*limits) for limits in size)
+        turned = yaw_deg + site.pick(0, 0, 90) + site.between(-15, 15)
+        site.thing(kind, *at, (length, fence_m if kind == "fence" else width, height), yaw_deg=turned)
+
+    return add
 
 
-def _large(site: Site, at: Place, yaw_deg: float) -> None:
-    """A piece of wall, a container, a kiosk, a bus shelter: higher than a car."""
-    kind = site.pick("box", "box", "hedge", "bush", "fence")
-    size = (site.between(2.0, 9.0), site.between(0.3, 3.0), site.between(1.8, 4.2))
-    if kind == "fence":
-        size = (size[0], 0.15, size[2])
-    site.thing(kind, *at, size, yaw_deg=yaw_deg + site.pick(0, 0, 90) + site.between(-15, 15))
-
+# A skip, a shed, a trailer, a block of hedge, a heap: as large as a car, or as a van.
+_car_sized = _bulky(
+    *("box", "box", "hedge", "lump", "bush", "fence"), size=((2.2, 5.5), (1.2, 2.6), (0.9, 2.6)), fence_m=0.1
+)
+# A piece of wall, a container, a kiosk, a bus shelter: higher than a car.
+_large = _bulky("box", "box", "hedge", "bush", "fence", size=((2.0, 9.0), (0.3, 3.0), (1.8, 4.2)), fence_m=0.15)
 
 CLUTTER = (
     *(_pole, _pole, _person_sized, _person_sized, _furniture, _furniture),

@@ -18,10 +18,9 @@ from lidcam.bags.simulator.sensors.beams import pattern_of
 from lidcam.bags.simulator.sensors.echoes import intensity, returned_share
 from lidcam.bags.simulator.vehicles.footprints import footprint, overlap
 from lidcam.bags.simulator.vehicles.routes import Route
-from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
 from lidcam.bags.simulator.world.mesh import Material, Mesh, merged
-from lidcam.bags.simulator.world.motion import RaisedPath, placed_vertices
+from lidcam.bags.simulator.world.motion import RaisedPath, State, Trajectory, placed_vertices
 from lidcam.bags.simulator.world.open3d_runtime import load_open3d
 from lidcam.bags.simulator.world.places.places import height_of, mesh_of
 from lidcam.bags.simulator.world.scene import dotted, mapped, packed
@@ -33,9 +32,7 @@ from lidcam.pipeline.core.arrays import F32, F64, I32, I64
 open3d = load_open3d()
 
 SWEEPS_PER_WORLD = 16  # seeds `k * SWEEPS_PER_WORLD` and the following are of one world
-
 SPECKLE, BEHIND_M = 0.06, 1e-3  # see `lidcam.bags.simulator.sensors.lidar`
-
 FIRST_NS = np.zeros(1, np.int64)
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 Vector = tuple[float, float, float]
 
@@ -46,27 +45,22 @@ class Shape:
         return self.box_center_m[2] - self.size_m[2] / 2
 
 
-SHAPES: Mapping[str, Shape] = MappingProxyType(
-    {
-        # 1:14, as in the predecessor system: the box starts 7 mm above the table, controllers turn 28 rad per metre.
-        "model_car": Shape("car", (0.33, 0.22, 0.21), (0.105, 0.0, 0.112), 0.206, 0.21, 0.165, 1 / 28, 0.6),
-        "car": Shape("car", (4.50, 1.92, 1.48), (1.30, 0.0, 0.74), 1.80, 2.70, 1.44, 0.31, 0.48),
-        "van": Shape("van", (5.90, 2.34, 2.50), (1.85, 0.0, 1.25), 2.02, 3.60, 1.64, 0.34, 0.50),
-        "truck": Shape("truck", (8.60, 2.78, 3.50), (2.10, 0.0, 1.75), 2.54, 4.80, 1.98, 0.48, 0.50),
-        "bus": Shape("bus", (12.0, 2.88, 3.10), (2.60, 0.0, 1.55), 2.58, 5.90, 2.04, 0.48, 0.55),
-        "cyclist": Shape("cyclist", (1.73, 0.58, 1.72), (0.525, 0.0, 0.86), None, 1.05, 0.0, 0.34, 0.7),
-        "pedestrian": Shape("pedestrian", (0.96, 0.54, 1.78), (-0.03, 0.0, 0.89)),
-    }
-)
+SHAPES: Mapping[str, Shape] = {
+    # 1:14, as in the predecessor system: the box starts 7 mm above the table, controllers turn 28 rad per metre.
+    "model_car": Shape("car", (0.33, 0.22, 0.21), (0.105, 0.0, 0.112), 0.206, 0.21, 0.165, 1 / 28, 0.6),
+    "car": Shape("car", (4.50, 1.92, 1.48), (1.30, 0.0, 0.74), 1.80, 2.70, 1.44, 0.31, 0.48),
+    "van": Shape("van", (5.90, 2.34, 2.50), (1.85, 0.0, 1.25), 2.02, 3.60, 1.64, 0.34, 0.50),
+    "truck": Shape("truck", (8.60, 2.78, 3.50), (2.10, 0.0, 1.75), 2.54, 4.80, 1.98, 0.48, 0.50),
+    "bus": Shape("bus", (12.0, 2.88, 3.10), (2.60, 0.0, 1.55), 2.58, 5.90, 2.04, 0.48, 0.55),
+    "cyclist": Shape("cyclist", (1.73, 0.58, 1.72), (0.525, 0.0, 0.86), None, 1.05, 0.0, 0.34, 0.7),
+    "pedestrian": Shape("pedestrian", (0.96, 0.54, 1.78), (-0.03, 0.0, 0.89)),
+}
 """By the `shape` of a vehicle in a scenario."""
 
 
 def shape_of(name: str, scale: Vector) -> Shape:
     """A shape by name, its length, width and height times a scale."""
-    shape = SHAPES[name]
-    if scale == (1.0, 1.0, 1.0):
-        return shape
-    x, y, z = scale
+    shape, (x, y, z) = SHAPES[name], scale
     return replace(
         shape,
         size_m=(x * shape.size_m[0], y * shape.size_m[1], z * shape.size_m[2]),

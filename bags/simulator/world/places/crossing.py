@@ -8,27 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from lidcam.bags.simulator.world.mesh import METAL, Material, Mesh, Rgb, Texture, box, cylinder, merged, polygon, prism
-from lidcam.bags.simulator.world.places.furniture import (
-    BAY_M,
-    bench,
-    hedge,
-    house,
-    lamp_post,
-    litter_bin,
-    round_sign,
-    traffic_light,
-    tree,
-)
+from lidcam.bags.simulator.world.places import furniture
+from lidcam.bags.simulator.world.places.furniture import BAY_M, KERB, KERB_M
 from lidcam.pipeline.core.arrays import F64
 
-KERB_M = 0.12
 MAST_TOP_M = 5.8
 FAR_M = 90.0
 ROAD_M, PAVEMENT_M = 7.0, 11.0  # from the middle line to the kerb and to the lawn
 CORNER_M = 3.5  # radius of the kerb at a corner
 
 GROUND = Material("crossing ground", (0.35, 0.35, 0.36), 0.18, texture="crossing")
-KERB = Material("kerb", (0.62, 0.61, 0.59), 0.40, texture="concrete")
 PAVING = Material("paving", (0.56, 0.54, 0.51), 0.35, texture="paving")
 MAST = Material("mast", (0.50, 0.52, 0.54), 0.40, mirror=0.04)
 CABINET = Material("switch cabinet", (0.58, 0.60, 0.56), 0.45)
@@ -77,7 +66,7 @@ def crossing() -> Mesh:
         for (x0, y0), (x1, y1), height, wall, texture, roof, along in HOUSES[number]:
             xs, ys = sorted((sx * x0 * BAY_M, sx * x1 * BAY_M)), sorted((sy * y0 * BAY_M, sy * y1 * BAY_M))
             corners = (xs[0], ys[0]), (xs[1], ys[1])
-            parts.append(house(*corners, height, wall, texture=texture, roof=roof, ridge_along_x=along))
+            parts.append(furniture.house(*corners, height, wall, texture=texture, roof=roof, ridge_along_x=along))
     return merged(*parts)
 
 
@@ -132,36 +121,36 @@ def _mast(sx: int, sy: int) -> list[Mesh]:
 
 def _equipment(sx: int, sy: int) -> list[Mesh]:
     """Traffic lights for the incoming lanes beside this quarter, lamps, a cabinet, a bench, a bin."""
+    to_road = np.pi if sx > 0 else 0.0
     parts = [
         box((14.0 * sx, 10.55 * sy, 0.72), (1.1, 0.42, 1.20), CABINET),
-        litter_bin(10.4 * sx, 13.0 * sy),
-        bench(10.3 * sx, 22.0 * sy, yaw=np.pi if sx > 0 else 0.0),
-        lamp_post(33.0 * sx, 7.7 * sy, 8.0, yaw=-sy * np.pi / 2, reach=2.2),
-        lamp_post(7.7 * sx, 33.0 * sy, 8.0, yaw=np.pi if sx > 0 else 0.0, reach=2.2),
-        lamp_post(66.0 * sx, 7.7 * sy, 8.0, yaw=-sy * np.pi / 2, reach=2.2),
-        lamp_post(7.7 * sx, 66.0 * sy, 8.0, yaw=np.pi if sx > 0 else 0.0, reach=2.2),
+        furniture.litter_bin(10.4 * sx, 13.0 * sy),
+        furniture.bench(10.3 * sx, 22.0 * sy, yaw=to_road),
+        *(furniture.lamp_post(far * sx, 7.7 * sy, 8.0, yaw=-sy * np.pi / 2, reach=2.2) for far in (33.0, 66.0)),
+        *(furniture.lamp_post(7.7 * sx, far * sy, 8.0, yaw=to_road, reach=2.2) for far in (33.0, 66.0)),
     ]
     # Incoming traffic along x keeps to y > 0 on the arm x > 0, and to y < 0 on the other.
     if sx * sy > 0:
-        parts.append(traffic_light(12.2 * sx, 7.5 * sy, yaw=0.0 if sx > 0 else np.pi))
-        parts.append(round_sign(40.0 * sx, 7.6 * sy, yaw=0.0 if sx > 0 else np.pi))
+        parts.append(furniture.traffic_light(12.2 * sx, 7.5 * sy, yaw=0.0 if sx > 0 else np.pi))
+        parts.append(furniture.round_sign(40.0 * sx, 7.6 * sy, yaw=0.0 if sx > 0 else np.pi))
     else:
-        parts.append(traffic_light(7.5 * sx, 12.2 * sy, yaw=sy * np.pi / 2))
-        parts.append(round_sign(7.6 * sx, 40.0 * sy, yaw=sy * np.pi / 2, blue=True))
+        parts.append(furniture.traffic_light(7.5 * sx, 12.2 * sy, yaw=sy * np.pi / 2))
+        parts.append(furniture.round_sign(7.6 * sx, 40.0 * sy, yaw=sy * np.pi / 2, blue=True))
     return parts
 
 
 def _greenery(sx: int, sy: int, number: int) -> list[Mesh]:
     """Trees along both roads, hedges in front of houses, a small park in the last quarter."""
-    heights = np.array([7.5, 9.0, 6.5, 8.2, 7.0])
+    parts, heights = [], (7.5, 9.0, 6.5, 8.2, 7.0)
     places = [(19.0 + 15.0 * k, 12.9) for k in range(5)] + [(12.9, 21.0 + 15.5 * k) for k in range(5)]
-    parts = [
-        tree(x * sx, y * sy, float(heights[(k + number) % 5])) for k, (x, y) in enumerate(places) if (k + number) % 4
-    ]
+    for row, (x, y) in enumerate(places, number):
+        if row % 4:
+            parts.append(furniture.tree(x * sx, y * sy, heights[row % 5]))
     low, high = sorted((34.0 * sx, 58.0 * sx)), sorted((13.9 * sy, 14.7 * sy))
-    parts.append(hedge((low[0], high[0]), (low[1], high[1]), 1.1))
+    parts.append(furniture.hedge((low[0], high[0]), (low[1], high[1]), 1.1))
     if number == 3:
         park = [(15.0, 16.0, 8.5), (21.0, 18.5, 9.5), (16.5, 24.0, 7.5), (24.0, 25.0, 9.0), (15.5, 32.0, 8.0)]
-        parts += [tree(x * sx, y * sy, height) for x, y, height in park]
-        parts += [bench(14.0 * sx, 19.5 * sy, yaw=np.pi), bench(18.5 * sx, 14.3 * sy, yaw=np.pi / 2)]
+        parts += [furniture.tree(x * sx, y * sy, height) for x, y, height in park]
+        benches = (14.0, 19.5, np.pi), (18.5, 14.3, np.pi / 2)
+        parts += [furniture.bench(x * sx, y * sy, yaw=yaw) for x, y, yaw in benches]
     return parts

@@ -20,9 +20,11 @@ from lidcam.bags.simulator.world.mesh import (
 )
 from lidcam.pipeline.core.arrays import F64
 
+KERB_M = 0.12  # height of pavements above roads
 BAY_M = 2.6  # width of a facade bay with one window: walls on multiples of it cut no window
 
 BARK = Material("bark", (0.34, 0.27, 0.21), 0.35, texture="bark")
+KERB = Material("kerb", (0.62, 0.61, 0.59), 0.40, texture="concrete")
 LEAVES = tuple(
     Material(f"leaves {index}", rgb, 0.5, texture="foliage")
     for index, rgb in enumerate([(0.28, 0.42, 0.16), (0.35, 0.45, 0.18), (0.22, 0.37, 0.17)])

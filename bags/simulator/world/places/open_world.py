@@ -10,7 +10,7 @@ from zlib import crc32
 import numpy as np
 
 from lidcam.bags.simulator.scenario.scenario import GroundScenario, ThingScenario
-from lidcam.bags.simulator.world.bodies.cyclist import bicycle
+from lidcam.bags.simulator.world.bodies.people import bicycle
 from lidcam.bags.simulator.world.mesh import Material, Mesh, box, cylinder, merged, sphere
 from lidcam.bags.simulator.world.places.furniture import BARK
 from lidcam.pipeline.core.arrays import F64, Bools

@@ -1,6 +1,6 @@
 """The static worlds of scenarios, and the height of their ground."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache, partial
 from typing import Literal
 
@@ -15,6 +15,12 @@ from lidcam.bags.simulator.world.places.street import street, street_height
 from lidcam.pipeline.core.arrays import F64
 
 World = Literal["sandbox", "crossing", "street"]
+HEIGHTS: Mapping[World, Callable[[F64], F64]] = {
+    "sandbox": lambda xy: np.zeros(len(xy)),
+    "crossing": crossing_height,
+    "street": street_height,
+}
+"""From positions (N, 2) to heights (N,) of the ground of a world: pavements are 12 cm above roads."""
 
 
 def mesh_of(scenario: Scenario) -> Mesh:
@@ -26,19 +32,10 @@ def mesh_of(scenario: Scenario) -> Mesh:
 
 def height_of(scenario: Scenario) -> Callable[[F64], F64]:
     """From positions (N, 2) to heights (N,) of the ground of a scenario's world."""
-    if scenario.world == "open":
-        return partial(open_height, scenario.ground)
-    return partial(ground_height, scenario.world)
+    return partial(open_height, scenario.ground) if scenario.world == "open" else HEIGHTS[scenario.world]
 
 
 @cache
 def static_mesh(world: World) -> Mesh:
     """The static mesh of a world, in the world frame."""
     return {"sandbox": sandbox, "crossing": crossing, "street": street}[world]()
-
-
-def ground_height(world: World, xy: F64) -> F64:
-    """Heights (N,) of the ground at positions (N, 2): pavements are 12 cm above roads."""
-    if world == "sandbox":
-        return np.zeros(len(xy))
-    return crossing_height(xy) if world == "crossing" else street_height(xy)

@@ -75,15 +75,8 @@ def _buildings() -> list[Mesh]:
     parts = []
     for low, high, height, wall, roof, along in houses:
         # Built at twenty times its size: roofs have the proportions of real houses.
-        big = house(
-            [20 * v for v in low],
-            [20 * v for v in high],
-            20 * height,
-            wall,
-            texture="model_front",
-            roof=roof,
-            ridge_along_x=along,
-        )
+        corners = [20 * v for v in low], [20 * v for v in high]
+        big = house(*corners, 20 * height, wall, texture="model_front", roof=roof, ridge_along_x=along)
         parts.append(big.moved(scale=1 / 20))
     return parts
 

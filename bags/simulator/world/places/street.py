@@ -5,28 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from lidcam.bags.simulator.world.mesh import Material, Mesh, Rgb, Texture, box, merged, polygon, prism
-from lidcam.bags.simulator.world.places.furniture import (
-    BAY_M,
-    bench,
-    hedge,
-    house,
-    lamp_post,
-    litter_bin,
-    round_sign,
-    traffic_light,
-    tree,
-    triangle_sign,
-)
+from lidcam.bags.simulator.world.places import furniture
+from lidcam.bags.simulator.world.places.furniture import BAY_M, KERB, KERB_M
 from lidcam.pipeline.core.arrays import F64
 
-KERB_M = 0.12
 FROM_M, TO_M = -150.0, 250.0
 ROAD_M, PAVEMENT_M = 5.8, 8.8  # from the middle line to the kerb and to the front gardens
 SIDE_X_M, SIDE_ROAD_M, SIDE_PAVEMENT_M, SIDE_FAR_M = 60.0, 3.5, 6.0, 70.0
 CORNER_M = 2.2  # chamfer of the kerb at the side road
 
 GROUND = Material("street ground", (0.35, 0.35, 0.36), 0.18, texture="street")
-KERB = Material("kerb", (0.62, 0.61, 0.59), 0.40, texture="concrete")
 PAVING = Material("paving", (0.55, 0.53, 0.51), 0.35, texture="paving")
 GARDEN_WALL = Material("garden wall", (0.56, 0.33, 0.26), 0.35, texture="brick")
 
@@ -94,14 +82,16 @@ def _houses(side: int) -> list[Mesh]:
         texture: Texture = "glass_front" if storeys == 4 and gap else "facade"
         corners = (low, min(side * front, side * back)), (high, max(side * front, side * back))
         flat = texture == "glass_front"
-        parts.append(house(*corners, 2.9 * storeys + 0.1, wall, texture=texture, roof=None if flat else roof))
+        parts.append(furniture.house(*corners, 2.9 * storeys + 0.1, wall, texture=texture, roof=None if flat else roof))
     # More houses along the side road.
     for k in range(3):
         y = sorted((side * (24.0 + 14.0 * k), side * (31.8 + 14.0 * k)))
         for end in (-1, 1):
             x = sorted((SIDE_X_M + end * 3.5 * BAY_M, SIDE_X_M + end * 7.5 * BAY_M))
             colors = WALLS[(3 * k + side + end) % len(WALLS)]
-            parts.append(house((x[0], y[0]), (x[1], y[1]), 8.8, colors, roof=(k + end) % 3, ridge_along_x=False))
+            parts.append(
+                furniture.house((x[0], y[0]), (x[1], y[1]), 8.8, colors, roof=(k + end) % 3, ridge_along_x=False)
+            )
     return parts
 
 
@@ -113,9 +103,9 @@ def _beside_pavement(side: int) -> list[Mesh]:
         if abs(x - SIDE_X_M) < 11:
             continue
         if (k + (side > 0)) % 2:
-            parts.append(lamp_post(x, kerb, 7.0, yaw=-side * np.pi / 2, reach=1.6))
+            parts.append(furniture.lamp_post(x, kerb, 7.0, yaw=-side * np.pi / 2, reach=1.6))
         else:
-            parts.append(tree(x, kerb, 6.0 + (k * 7 % 5) * 0.5))
+            parts.append(furniture.tree(x, kerb, 6.0 + (k * 7 % 5) * 0.5))
         low, high = x + 2.0, x + 11.0
         if abs((low + high) / 2 - SIDE_X_M) > 13:
             if (k + side) % 3:
@@ -123,16 +113,16 @@ def _beside_pavement(side: int) -> list[Mesh]:
                 parts.append(box(((low + high) / 2, sum(edges) / 2, 0.45), (high - low, 0.3, 0.9), GARDEN_WALL))
             else:
                 edges = sorted((garden, garden + side * 0.7))
-                parts.append(hedge((low, edges[0]), (high, edges[1]), 1.25))
+                parts.append(furniture.hedge((low, edges[0]), (high, edges[1]), 1.25))
     back = side * np.pi / 2
     ahead = 0.0 if side > 0 else np.pi  # signs face the oncoming traffic
     parts += [
-        triangle_sign(SIDE_X_M - side * 4.3, side * (ROAD_M + 3.2), yaw=back),
-        round_sign(SIDE_X_M + side * 14.0, kerb, yaw=ahead),
-        round_sign(SIDE_X_M - side * 100.0, kerb, yaw=ahead, blue=True),
-        traffic_light(SIDE_X_M + side * 8.2, kerb, yaw=ahead),
-        bench(22.0, side * (PAVEMENT_M - 0.6), yaw=-back),
-        litter_bin(23.6, side * (PAVEMENT_M - 0.5)),
-        litter_bin(-47.0, side * (ROAD_M + 0.6)),
+        furniture.triangle_sign(SIDE_X_M - side * 4.3, side * (ROAD_M + 3.2), yaw=back),
+        furniture.round_sign(SIDE_X_M + side * 14.0, kerb, yaw=ahead),
+        furniture.round_sign(SIDE_X_M - side * 100.0, kerb, yaw=ahead, blue=True),
+        furniture.traffic_light(SIDE_X_M + side * 8.2, kerb, yaw=ahead),
+        furniture.bench(22.0, side * (PAVEMENT_M - 0.6), yaw=-back),
+        furniture.litter_bin(23.6, side * (PAVEMENT_M - 0.5)),
+        furniture.litter_bin(-47.0, side * (ROAD_M + 0.6)),
     ]
     return parts

@@ -17,7 +17,7 @@ from lidcam.bags.simulator.recorder.messages import (
     ViewedObject,
     class_of,
     counted,
-    counted_by,
+    seen_by,
 )
 from lidcam.pipeline.core.arrays import Array
 from lidcam.pipeline.core.camera import CameraModel
@@ -53,7 +53,7 @@ BOXES = ((10.0, 20.0, 30.0, 45.5), (0.0, 0.0, 5.0, 5.0))
 
 
 def all_messages(make: MessageFactory) -> dict[str, Any]:
-    each = (counted_by("lidar_points", 12, "top", 0), counted_by("image_pixels", 3456, "front", 2))
+    each = (seen_by("lidar_points", 12, "top", 0), seen_by("image_pixels", 3456, "front", 2))
     counts = (class_of("van"), counted("lidar_points", 12), counted("image_pixels", 3456), *each)
     found = [
         ViewedObject("car1", 6, BOXES[0], (class_of("car", 0.9), counted("occlusion", 0.25))),

@@ -7,11 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from lidcam.bags.simulator.recorder.stage import build_mover
 from lidcam.bags.simulator.scenario.scenario import VehicleScenario
-from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
-from lidcam.bags.simulator.world.bodies.cyclist import CRANK_CYCLE_M
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES, shape_of
-from lidcam.bags.simulator.world.bodies.pedestrian import CYCLE_M
-from lidcam.bags.simulator.world.motion import Mover, placed_vertices
+from lidcam.bags.simulator.world.bodies.people import CRANK_CYCLE_M, CYCLE_M
+from lidcam.bags.simulator.world.motion import Mover, State, Trajectory, placed_vertices
 from lidcam.pipeline.core.arrays import F64
 
 SECOND_NS = 10**9

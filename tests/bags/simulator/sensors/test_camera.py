@@ -9,9 +9,8 @@ from small_worlds import EvenPath
 from lidcam.bags.simulator.scenario.scenario import SunScenario
 from lidcam.bags.simulator.scenario.sensors import CameraScenario
 from lidcam.bags.simulator.sensors.camera import FRACTION, Camera, CameraImage, Film
-from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
 from lidcam.bags.simulator.world.mesh import Material, Mesh, box, merged, polygon
-from lidcam.bags.simulator.world.motion import FixedPath, MountedPath, Mover, Path
+from lidcam.bags.simulator.world.motion import FixedPath, MountedPath, Mover, Path, State, Trajectory
 from lidcam.bags.simulator.world.scene import Scene
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.transform import Transform

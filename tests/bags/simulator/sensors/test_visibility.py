@@ -13,9 +13,8 @@ from lidcam.bags.simulator.scenario.scenario import SunScenario, VehicleScenario
 from lidcam.bags.simulator.scenario.sensors import CameraScenario
 from lidcam.bags.simulator.sensors.camera import Camera, CameraImage
 from lidcam.bags.simulator.sensors.visibility import Visibility, visibility
-from lidcam.bags.simulator.vehicles.trajectory import State, Trajectory
 from lidcam.bags.simulator.world.mesh import Mesh, box
-from lidcam.bags.simulator.world.motion import FixedPath, MountedPath, Mover, Path, placed_vertices
+from lidcam.bags.simulator.world.motion import FixedPath, MountedPath, Mover, Path, State, Trajectory, placed_vertices
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.boxes import box_corners
 

@@ -1,20 +1,15 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from lidcam.bags.simulator.vehicles.ackermann import Ackermann, AckermannCommand, chassis_of
-from lidcam.bags.simulator.vehicles.trajectory import State
+from lidcam.bags.simulator.vehicles.ackermann import HABITS, Ackermann, AckermannCommand, chassis_of
+from lidcam.bags.simulator.world.bodies.dimensions import Shape
+from lidcam.bags.simulator.world.motion import State
 
-CAR = Ackermann(
-    wheel_base_m=2.7,
-    track_m=1.5,
-    wheel_radius_m=0.3,
-    max_steering_rad=0.6,
-    steering_rate_rad_s=0.8,
-    acceleration_m_s2=2.0,
-    braking_m_s2=6.0,
-)
+SHAPE = Shape("car", (4.5, 1.9, 1.5), (1.3, 0.0, 0.75), None, 2.7, 1.5, 0.3, 0.6)
+CAR = Ackermann(SHAPE, replace(HABITS["car"], acceleration_m_s2=1.0, hard_braking_m_s2=6.0, steering_rate_rad_s=0.8))
 REST = State(0.0, 0.0, 0.0)
 
 
@@ -28,7 +23,7 @@ def driven(start: State, command: AckermannCommand, seconds: float, step_s: floa
 @pytest.mark.parametrize("step_s", [0.001, 1.0])
 def test_an_arc_is_exact_whatever_the_step(step_s: float) -> None:
     end = driven(State(0.0, 0.0, 0.0, 3.0, 0.4), AckermannCommand(3.0, 0.4), 10, step_s)[-1]
-    radius, angle = CAR.wheel_base_m / math.tan(0.4), 30 * math.tan(0.4) / CAR.wheel_base_m
+    radius, angle = SHAPE.wheel_base_m / math.tan(0.4), 30 * math.tan(0.4) / SHAPE.wheel_base_m
     assert (end.x_m, end.y_m, end.yaw_rad, end.walked_m) == pytest.approx(
         (radius * math.sin(angle), radius * (1 - math.cos(angle)), angle, 30.0), abs=1e-9
     )
@@ -49,9 +44,10 @@ def test_the_inner_wheel_turns_further(steering: float, inner: str, outer: str) 
     assert chassis is not None
     commands = chassis.controllers(AckermannCommand(0.3, steering))
     assert commands[:4] == pytest.approx((8.4,) * 4)  # speed x 28, as in the predecessor system
-    radius = chassis.wheel_base_m / math.tan(0.49)
+    base_m, track_m = chassis.shape.wheel_base_m, chassis.shape.track_width_m
+    radius = base_m / math.tan(0.49)
     angles = {"left": commands[4], "right": commands[5]}
     # Square to the centre of the turn, which lies on the line of the rear axle.
-    assert abs(angles[inner]) == pytest.approx(math.atan2(chassis.wheel_base_m, radius - chassis.track_m / 2))
-    assert abs(angles[outer]) == pytest.approx(math.atan2(chassis.wheel_base_m, radius + chassis.track_m / 2))
+    assert abs(angles[inner]) == pytest.approx(math.atan2(base_m, radius - track_m / 2))
+    assert abs(angles[outer]) == pytest.approx(math.atan2(base_m, radius + track_m / 2))
     assert np.sign(angles["left"]) == np.sign(angles["right"]) == np.sign(steering)

@@ -8,9 +8,9 @@ from lidcam.bags.simulator.scenario.scenario import Scenario, load_scenario
 from lidcam.bags.simulator.vehicles.ackermann import HABITS, AckermannCommand
 from lidcam.bags.simulator.vehicles.footprints import footprint, overlap
 from lidcam.bags.simulator.vehicles.traffic import STEP_NS, Traffic
-from lidcam.bags.simulator.vehicles.trajectory import State
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
 from lidcam.bags.simulator.world.mesh import METAL, Mesh, box
+from lidcam.bags.simulator.world.motion import State
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import ConfigError
 

@@ -5,7 +5,7 @@ import pytest
 from meshes import open_edges
 
 from lidcam.bags.simulator.world.mesh import Mesh
-from lidcam.bags.simulator.world.places.places import World, ground_height, static_mesh
+from lidcam.bags.simulator.world.places.places import HEIGHTS, World, static_mesh
 from lidcam.bags.simulator.world.scene import Rays, Scene
 
 WORLDS: tuple[World, ...] = get_args(World)
@@ -36,6 +36,6 @@ def test_the_height_of_the_ground_is_that_of_the_mesh(world: World) -> None:
     hits = scene.cast(Rays(origins, np.tile([0.0, 0.0, -1.0], (4000, 1)), np.zeros(4000, np.int64)))
     found = 0.3 - hits.distance_m
     flat = hits.normal[:, 2] > 0.99
-    wrong = np.abs(found - ground_height(world, places)) > 0.01
+    wrong = np.abs(found - HEIGHTS[world](places)) > 0.01
     assert (wrong & flat & (found < 0.15)).mean() < 0.02  # feet of poles, benches, the polygon of the round kerb
     assert (found[flat] > 0.1).any()
