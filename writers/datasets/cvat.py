@@ -17,7 +17,6 @@ from lidcam.writers.datasets.frame import DatasetFrame, DatasetScene, write_imag
 POINT_CLOUD_MEDIA = 6
 """Datumaro's number of a data set of clouds."""
 
-
 IN_TRACK = {"keyframe": True, "outside": False, "occluded": False}
 """Attributes of a box of a track."""
 

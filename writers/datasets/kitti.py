@@ -97,13 +97,14 @@ class KittiWriter:
         self._begin_files()
 
     def add_frame(self, frame: DatasetFrame) -> None:
-        """See `DatasetWriter`; a frame without an image of the camera is left out.
+        """See `DatasetWriter`; a frame without an image of the camera or a cloud is left out.
 
         Boxes in the image are those of its time, those in 3D of the frame's.
         """
         image = frame.images.get(self._camera.name)
         if image is None or frame.cloud is None:
-            self.left_out[f"frames without an image of {self._camera.name}"] += 1
+            lacking = "a cloud" if image is not None else f"an image of {self._camera.name}"
+            self.left_out[f"frames without {lacking}"] += 1
             return
         height, width = image.rgb.shape[:2]
         if (width, height) != (self._model.width_px, self._model.height_px):

@@ -87,9 +87,10 @@ class NuScenesWriter:
         self._put("log", (scene.origin, "log"), logfile=scene.name, vehicle=site, date_captured="", location=scene.name)
 
     def add_frame(self, frame: DatasetFrame) -> None:
-        """See `DatasetWriter`; a frame whose place nobody knows is left out."""
+        """See `DatasetWriter`; a frame without a cloud, or whose place nobody knows, is left out."""
         if frame.T_fixed_site is None or frame.cloud is None:
-            self.left_out["frames without a known place of the site frame"] += 1
+            lacking = "a cloud" if frame.cloud is None else "a known place of the site frame"
+            self.left_out[f"frames without {lacking}"] += 1
             return
         scene = self._scene
         number = len(self._samples)

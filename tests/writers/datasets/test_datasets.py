@@ -78,14 +78,8 @@ def boxes(rows: list[tuple[float, float, float, int]], name: str = "Car", score:
 def frame(found: DatasetBoxes, *, index: int = 0, truth: DatasetBoxes | None = None, T: Any = None) -> DatasetFrame:
     xyz = np.array([[8.0, 0.5, 0.9], [8.2, 0.4, 0.9], [30, 0, 0]], np.float32)
     in_lidar = ((xyz - T_SITE_LIDAR[:3, 3]) @ T_SITE_LIDAR[:3, :3]).astype(np.float32)
-    cloud = PointCloud(
-        STAMP_NS,
-        "lidar",
-        in_lidar,
-        np.array([0, 0.5, 1], np.float32),
-        np.array([0, 1, 2], np.uint16),
-        np.zeros(3, np.int32),
-    )
+    intensity, ring = np.array([0, 0.5, 1], np.float32), np.array([0, 1, 2], np.uint16)
+    cloud = PointCloud(STAMP_NS, "lidar", in_lidar, intensity, ring, np.zeros(3, np.int32))
     T_fixed_site = np.eye(4) if T is None else T
     stamp_ns = STAMP_NS + index * 100_000_000
     image = DatasetImage(stamp_ns + 5_000_000, np.full((480, 640, 3), 90, np.uint8), T_fixed_site)
@@ -139,6 +133,13 @@ def test_a_frame_without_an_image_is_no_frame_of_kitti(tmp_path: Path) -> None:
     written(writer, blind)
     assert writer.left_out == {"frames without an image of front": 1}
     assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize("kind", [KittiWriter, NuScenesWriter, CvatWriter])
+def test_a_frame_without_a_cloud_is_left_out_for_that_reason(tmp_path: Path, kind: type[KittiWriter]) -> None:
+    writer = kind(tmp_path)
+    written(writer, replace(frame(boxes(MANY)), cloud=None))
+    assert writer.left_out == {"frames without a cloud": 1}
 
 
 def test_kitti_tracking_numbers_frames_and_tracks(tmp_path: Path) -> None:
