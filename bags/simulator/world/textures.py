@@ -18,7 +18,7 @@ from lidcam.pipeline.core.arrays import F32, F64, I64, U8, Bools
 Floats = F32 | F64
 Drawn = tuple[U8, F32]
 
-ASPHALT, WHITE, GRASS, PATCH, DRAIN = range(5)
+ASPHALT, WHITE, GRASS, PATCH, DRAIN = range(5)  # rows of `GROUND_LOOKS`
 PAINT, LAWN = Look((0.90, 0.90, 0.87), 0.75), Look((0.36, 0.46, 0.24), 0.45)
 GROUND_LOOKS = (OWN, PAINT, LAWN, Look((0.29, 0.29, 0.30), 0.14), Look((0.20, 0.20, 0.20), 0.20))
 ROUGHNESS = np.array([0.06, 0.04, 0.15, 0.05, 0.1], np.float32)
