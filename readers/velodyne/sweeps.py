@@ -1,9 +1,10 @@
 """Gathers VelodynePackets into sweeps: one VelodyneScan per turn of the head.
 
 A sweep ends before the first packet that begins beyond azimuth zero, so the packet in which the head passes zero
-belongs to the sweep before. The packets before the first cut and after the last one are sweeps too, only shorter. A
-sweep also ends where the sensor's own clock shows a gap in which the head may have turned once, after a pause in the
-recording, and at a number of packets that no turn has. A late packet stays in the sweep that it arrived in.
+belongs to the sweep before. The packets before the first cut and after the last one are sweeps too, only shorter. In a
+gap of the sensor's own clock, of lost packets or beyond a limited field of view, the head turns on at its speed before.
+A sweep also ends where that is unknown or the clock jumps back, after a pause in the recording, and at a number of
+packets that no turn has. A late packet stays in the sweep that it arrived in.
 
 A sweep has the stamp of its first packet, and the log time and order of its last one (see `readers.streams.sweeps`).
 """
@@ -44,6 +45,7 @@ class VelodyneSweep:
         self._defects: list[str] = []
         self._azimuth = 0  # of the last packet
         self._turned = 0  # the same, counting full turns
+        self._speed = 0.0  # hundredths of a degree per microsecond; 0 if unknown
         self._clock_us: int | None = None
         self._cut_at = 0
         self.end: tuple[int, tuple[int, ...]] = (0, ())
@@ -92,14 +94,21 @@ class VelodyneSweep:
         flag, azimuth, clock_us = _FIRST_BLOCK_AND_CLOCK.unpack_from(packet)
         if flag != UPPER_BLOCK or azimuth >= TURN:  # not a valid azimuth
             return full
-        since_us = 0 if self._clock_us is None else (clock_us - self._clock_us + HOUR_US // 2) % HOUR_US - HOUR_US // 2
-        missing = abs(since_us) >= MIN_HIDDEN_TURN_US
-        if missing or self._clock_us is None:
+        is_unknown = self._clock_us is None
+        if self._clock_us is not None:
+            since_us = (clock_us - self._clock_us + HOUR_US // 2) % HOUR_US - HOUR_US // 2
+            turn = (azimuth - self._azimuth + MAX_OVERTAKEN) % TURN - MAX_OVERTAKEN
+            if abs(since_us) >= MIN_HIDDEN_TURN_US:
+                is_unknown = since_us < 0 or not self._speed
+                turn += TURN * round((self._speed * since_us - turn) / TURN)
+            elif since_us > 0 and turn > 0:
+                self._speed = turn / since_us
+            self._turned += turn
+        begins = is_unknown and self._clock_us is not None
+        if is_unknown:
             self._turned, self._cut_at = azimuth, TURN
-        else:
-            self._turned += (azimuth - self._azimuth + MAX_OVERTAKEN) % TURN - MAX_OVERTAKEN
         self._azimuth, self._clock_us = azimuth, clock_us
         if self._turned < self._cut_at:
-            return missing or full
+            return begins or full
         self._cut_at = (self._turned // TURN + 1) * TURN
         return True

@@ -61,12 +61,21 @@ def test_cut_where_the_head_passes_zero(azimuths: list[int], sweeps: list[list[i
     assert numbers(gathered(stream(azimuths))) == sweeps
 
 
-def test_cut_where_packets_are_missing() -> None:
-    clock_us = np.array([0, 1, 2, 51, 53, 100]) * 1000
-    clock_us[2:] += 1000
-    assert numbers(gathered(stream([100, 200, 300, 400, 500, 600], clock_us.tolist()))) == [[0, 1, 2, 3, 4, 5]]
-    clock_us[3:] += 1000
-    assert numbers(gathered(stream([100, 200, 300, 400, 500, 600], clock_us.tolist()))) == [[0, 1, 2], [3, 4, 5]]
+@pytest.mark.parametrize(
+    ("azimuths", "clock_ms", "sweeps"),
+    [
+        ([0, 360, 18_360, 0, 360], [0, 1, 51, 100, 101], [[0, 1, 2], [3, 4]]),  # packets of half a turn were lost
+        ([0, 360, 720, 1080], [0, 1, 102, 103], [[0, 1], [2, 3]]),  # those of a whole turn
+        ([27_000, 0, 9_000, 27_000, 0, 9_000], [0, 25, 50, 100, 125, 150], [[0], [1, 2, 3], [4, 5]]),  # half is seen
+        ([35_000, 0, 500, 35_000, 0], [0, 2, 4, 97, 100], [[0], [1, 2, 3], [4]]),  # or less
+        ([100, 200, 300], [0, 51, 52], [[0], [1, 2]]),  # no speed is known
+        ([100, 200, 300, 400], [0, 1, -60, -59], [[0, 1], [2, 3]]),  # the clock was set
+    ],
+)
+def test_the_head_turns_on_where_packets_are_missing(
+    azimuths: list[int], clock_ms: list[int], sweeps: list[list[int]]
+) -> None:
+    assert numbers(gathered(stream(azimuths, [(60 + ms) * 1000 for ms in clock_ms]))) == sweeps
 
 
 def test_the_hour_of_the_sensors_clock_turns() -> None:
