@@ -201,8 +201,10 @@ def _columns(cloud: Any, height: int, width: int, topic: str) -> dict[str, Array
         names = ", ".join(field.name for field in cloud.fields) or "none"
         raise MessageError(f"{topic}: expected the fields x, y and z, found {names}")
     point_step = int(cloud.point_step)
-    # A single row does not need its step, and some writers leave it zero.
-    row_step = width * point_step if height == 1 or not cloud.row_step else int(cloud.row_step)
+    # A single row does not need its step, nor do rows without gaps: some writers leave it zero, and
+    # sensor_msgs::PointCloud2Modifier sets it to the size of all rows (ros2/common_interfaces#320).
+    is_packed = height == 1 or not cloud.row_step or len(cloud.data) == height * width * point_step
+    row_step = width * point_step if is_packed else int(cloud.row_step)
     if row_step < width * point_step or (height - 1) * row_step + width * point_step > len(cloud.data):
         raise MessageError(
             f"{topic}: {height} x {width} points of {point_step} bytes in rows of {row_step} bytes "
