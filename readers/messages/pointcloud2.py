@@ -7,6 +7,7 @@ Other fields are ignored.
 | field | datatype | meaning | written by |
 | --- | --- | --- | --- |
 | time | float32 | seconds from the header stamp; negative where that is the last packet's time | velodyne_pointcloud |
+| time | float32 | microseconds from the header stamp | data sets that FAST-LIO was tested with (NCLT, UTBM) |
 | t | uint32 | nanoseconds from the header stamp | ouster_ros |
 | time_stamp | uint32 | nanoseconds from the header stamp | Nebula, PointXYZIRCAEDT |
 | offset_time | any | nanoseconds from the header stamp | clouds made of Livox CustomMsg |
@@ -17,9 +18,10 @@ Other fields are ignored.
 Each interpretation is tried in turn until one puts every point within two seconds of the header stamp. Integers:
 nanoseconds from the stamp, then of its clock. float32: seconds from the stamp. float64 with "stamp" in its name:
 seconds of the header's clock, then nanoseconds of it, then seconds from the stamp; under other names seconds from the
-stamp come first. If none fits (two clocks, another unit), the cloud has no times; nor if all are zero, which some
-drivers write to fields that they do not support (ros-drivers/velodyne#402). Microseconds in an integer field cannot be
-distinguished from nanoseconds; no driver in the table writes them.
+stamp come first; then floats are taken in the unit (ms, us, ns) in which they begin or end near the stamp and last as
+long as a sweep. If none fits (two clocks), the cloud has no times; nor if all are zero, which some drivers write to
+fields that they do not support (ros-drivers/velodyne#402). Microseconds in an integer field cannot be distinguished
+from nanoseconds; no driver in the table writes them.
 """
 
 import logging
@@ -56,6 +58,9 @@ TIME_FIELDS = (
 
 MAX_OFFSET_NS = 2_000_000_000
 """No sweep lasts longer; int32 nanoseconds end at 2.147 s."""
+
+MIN_SWEEP_NS = 5_000_000
+"""Shortest sweep by which the unit of times is recognised: 200 turns a second."""
 
 _NS_PER_S = 1_000_000_000
 
@@ -105,6 +110,9 @@ def _readings(name: str, values: Array, stamp_ns: int) -> Iterator[Array]:
         yield (numbers - base) + (int(base) - stamp_ns)
         if "stamp" in name:
             yield numbers * 1e9
+    span = np.ptp(numbers)
+    if 2 * span >= np.abs(numbers).max():
+        yield from (numbers * unit_ns for unit_ns in (1e6, 1e3, 1.0) if span * unit_ns >= MIN_SWEEP_NS)
 
 
 @lru_cache(maxsize=256)  # once per topic is enough

@@ -30,6 +30,9 @@ def offsets(fields: dict[str, Array], stamp_ns: int = STAMP_NS) -> I32 | None:
         ("timestamp", STAMP_NS + SWEEP_NS, 0),
         ("timestamp", (STAMP_NS + SWEEP_NS).astype(np.uint64), 0),
         ("time", (SWEEP_NS / 1e9).astype(">f4"), 5),
+        ("time", (SWEEP_NS / 1e3).astype(np.float32), 5),  # microseconds: data sets of FAST-LIO
+        ("time", (SWEEP_NS / 1e6).astype(np.float32), 5),
+        ("t", SWEEP_NS.astype(np.float64), 0),
         ("timestamp", (STAMP_NS + SWEEP_NS).astype(">u8"), 0),
     ],
 )
@@ -49,6 +52,7 @@ def test_spellings_of_drivers(name: str, values: Array, within_ns: int) -> None:
         {"time": np.zeros(0, np.float32)},
         {"time": np.array([0, np.nan], np.float32)},
         {"time": np.array([0, 3600.0], np.float32)},  # seconds of the hour
+        {"time": np.array([1800.0, 1800.1], np.float32)},
         {"t": np.array([0, 4_000_000_000], np.uint32)},
         {"timestamp": (STAMP_NS + SWEEP_NS) / 1e9 - 3600},  # a clock of its own
         {"timestamp": np.array([-(2**63), 1], np.int64)},  # whose absolute value does not exist
