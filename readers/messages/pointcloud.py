@@ -30,13 +30,15 @@ MAX_CHANNELS = 64
 
 
 @decoder
-def decode_pointcloud(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0) -> PointCloud:
+def decode_pointcloud(
+    message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0, calibrated: bool = True
+) -> PointCloud:
     """The points of a message; channels have the meaning of PointCloud2's fields of their names.
 
     Raises:
         MessageError: as of `read_pointcloud` and `decode_pointcloud2`.
     """
-    return cloud_of_fields(message, read_pointcloud(message, limits=limits, others=others))
+    return cloud_of_fields(message, read_pointcloud(message, limits=limits, others=others), calibrated=calibrated)
 
 
 @decoder
@@ -125,7 +127,9 @@ def parse_livox(message: RawMessage) -> LivoxPoints:
 
 
 @decoder
-def decode_livox(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0) -> PointCloud:
+def decode_livox(
+    message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0, calibrated: bool = True
+) -> PointCloud:
     """The points of a message, with reflectivity as intensity and line as ring; as `decode_pointcloud2` otherwise.
 
     Times are `timebase` and `offset_time`. Where the header has another clock than the lidar, it is taken to have the
@@ -140,7 +144,7 @@ def decode_livox(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMIT
     columns = {str(name): np.ascontiguousarray(points[name])[None] for name in points.dtype.names or ()}
     begin_ns = found.timebase_ns - message.stamp_ns
     columns["offset_time"] = columns["offset_time"].astype(np.int64) + begin_ns * (abs(begin_ns) <= MAX_OFFSET_NS)
-    return cloud_of_columns(message, found.frame_id, columns)
+    return cloud_of_columns(message, found.frame_id, columns, calibrated=calibrated)
 
 
 @lru_cache(maxsize=256)

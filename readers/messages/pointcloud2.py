@@ -126,6 +126,10 @@ def _log_unusable(topic: str, name: str) -> None:
 
 
 INTENSITY_FIELDS = ("intensity", "intensities", "i", "reflectivity", "reflectance", "signal", "remission", "amplitude")
+CALIBRATED_FIELD = "reflectivity"
+"""Calibrated intensities of an Ouster, whole numbers up to 255 since firmware 2.1. Its `intensity` is the signal, which
+falls with the range and has no largest value (ouster-lidar/ouster-ros#408)."""
+
 RING_FIELDS = ("ring", "channel", "laser_id", "laser", "line", "beam", "row")
 
 _USED_FIELDS = frozenset(("x", "y", "z", *INTENSITY_FIELDS, *RING_FIELDS, *TIME_FIELDS))
@@ -135,7 +139,9 @@ _DTYPES = {number: dtype for dtype, number in POINT_FIELD_DATATYPES.items()} | {
 
 
 @decoder
-def decode_pointcloud2(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0) -> PointCloud:
+def decode_pointcloud2(
+    message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0, calibrated: bool = True
+) -> PointCloud:
     """The points of a message in recorded order (organised clouds row by row), without points that are not finite.
 
     Coordinates become float32 metres: steps of 8 micrometres at 100 m, but of half a metre at 5 000 km (clouds in UTM
@@ -143,8 +149,8 @@ def decode_pointcloud2(message: RawMessage, *, limits: RecordingLimits = DEFAULT
 
     Returns:
         The cloud at the message's stamp. Points with a coordinate that is not finite in float32 are removed and counted
-        in `nan_dropped`. Intensities that are not finite are 0, as where there are none. Rings are clipped to 0 to
-        65535.
+        in `nan_dropped`. Intensities that are not finite are 0, as where there are none; `calibrated` ones are those of
+        `CALIBRATED_FIELD` where they are known, else nodes hand on the others. Rings are clipped to 0 to 65535.
 
     Raises:
         MessageError: not a PointCloud2; x, y or z is missing; sizes, offsets and data contradict each other; or there
@@ -152,7 +158,7 @@ def decode_pointcloud2(message: RawMessage, *, limits: RecordingLimits = DEFAULT
     """
     cloud = deserialize_as(message, "sensor_msgs/msg/PointCloud2", limits=limits)
     check_points(int(cloud.width), message.topic, limits, others, rows=int(cloud.height))
-    return cloud_of_fields(message, cloud)
+    return cloud_of_fields(message, cloud, calibrated=calibrated)
 
 
 def check_points(width: int, topic: str, limits: RecordingLimits, others: int, *, rows: int = 1) -> None:
@@ -171,18 +177,23 @@ def check_points(width: int, topic: str, limits: RecordingLimits, others: int, *
         )
 
 
-def cloud_of_fields(message: RawMessage, cloud: Any) -> PointCloud:
+def cloud_of_fields(message: RawMessage, cloud: Any, *, calibrated: bool = True) -> PointCloud:
     """The cloud of a message from a PointCloud2, whose points were counted; see `decode_pointcloud2`."""
     columns = _columns(cloud, int(cloud.height), int(cloud.width), message.topic)
-    return cloud_of_columns(message, clean_frame(cloud.header.frame_id), columns)
+    return cloud_of_columns(message, clean_frame(cloud.header.frame_id), columns, calibrated=calibrated)
 
 
-def cloud_of_columns(message: RawMessage, frame_id: str, columns: dict[str, Array]) -> PointCloud:
+def cloud_of_columns(
+    message: RawMessage, frame_id: str, columns: dict[str, Array], *, calibrated: bool = True
+) -> PointCloud:
     """The cloud of a message from columns (height, width) by name in lower case; other names are ignored."""
     count = columns["x"].size
     xyz, keep = _finite_points([columns.pop(axis) for axis in "xyz"])
     fields = {name: column.reshape(-1)[keep] for name, column in columns.items()}
     intensity = next((fields[name] for name in INTENSITY_FIELDS if name in fields), None)
+    reflectivity = fields.get(CALIBRATED_FIELD) if calibrated else None
+    if reflectivity is not None and reflectivity.dtype.kind == "u" and 0 < reflectivity.max(initial=0) <= 255:
+        intensity = reflectivity
     ring = next((fields[name] for name in RING_FIELDS if name in fields), None)
     time_offset_ns = point_time_offsets(fields, message.stamp_ns, topic=message.topic)
     n = len(xyz)

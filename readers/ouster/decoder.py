@@ -15,13 +15,15 @@ from lidcam.readers.ouster.sensor import sdk, sensor_of
 
 
 @decoder
-def decode_ouster(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0) -> PointCloud:
+def decode_ouster(
+    message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0, calibrated: bool = True
+) -> PointCloud:
     """The first returns of a sweep, row by row and by azimuth, in the lidar's own frame, as `/ouster/points` has them.
 
     Returns:
         The cloud at the message's stamp. Rings are the rows from the top; times count from the first column of the
-        turn. Intensity is the signal, for the profile without signals the reflectivity. Beams without a return are
-        counted in `nan_dropped`.
+        turn. Intensity is the reflectivity, or the signal if it need not be `calibrated` and the profile has it. Beams
+        without a return are counted in `nan_dropped`.
 
     Raises:
         MessageError: the message is cut off, the JSON in it does not describe its packets, they span more than two
@@ -49,7 +51,7 @@ def decode_ouster(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMI
         raise MessageError(f"{topic}: expected a turn, found packets that span {offsets_ns.max() / 1e9:.1f} s")
     ranges = np.asarray(frame.field("RANGE"))
     keep = sensor.order[((ranges > 0) & valid).reshape(-1)[sensor.order]]
-    brightness = np.asarray(frame.field("SIGNAL" if frame.has_field("SIGNAL") else "REFLECTIVITY"))
+    brightness = np.asarray(frame.field("REFLECTIVITY" if calibrated or not frame.has_field("SIGNAL") else "SIGNAL"))
     rows, columns = np.divmod(keep, sensor.columns)
     return PointCloud(
         stamp_ns=message.stamp_ns,

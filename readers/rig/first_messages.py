@@ -91,10 +91,14 @@ class FirstMessages:
         return found.size_px
 
     def cloud(self, message: RawMessage) -> PointCloud:
-        """The points of a message, also of packets; raises `MessageError` if it cannot be decoded."""
+        """The points of a message, also of packets, with the intensities that nodes hand on.
+
+        Raises:
+            MessageError: it cannot be decoded.
+        """
         if message.channel.msgtype == SCAN:
             return self._velodyne[message.topic](message)
-        cloud: PointCloud = decode_as("cloud", message, limits=self._limits)
+        cloud: PointCloud = decode_as("cloud", message, limits=self._limits, calibrated=False)
         return cloud
 
     def _first(self, topic: str, msgtypes: Collection[str]) -> _First | MessageError:

@@ -152,9 +152,24 @@ def test_ring(name: str, code: str) -> None:
     np.testing.assert_array_equal(decode(**{name: np.array([0, 3, 127], code)}).ring, [0, 3, 127])
 
 
-def test_ring_out_of_range_is_clipped_and_intensity_goes_before_reflectivity() -> None:
-    cloud = decode(reflectivity=np.array([1, 2, 3], np.uint16), intensity=np.array([4, 5, 6], np.float32))
-    np.testing.assert_array_equal(cloud.intensity, [4, 5, 6])
+@pytest.mark.parametrize(
+    ("values", "code", "is_used"),
+    [
+        ([0, 9, 255], "u2", True),
+        ([0, 9, 255], "u1", True),
+        ([0, 9, 256], "u2", False),  # firmware before 2.1
+        ([0, 0, 0], "u2", False),  # a simulator
+        ([0, 9, 255], "f4", False),  # in another scale, perhaps
+    ],
+)
+def test_calibrated_reflectivity_goes_before_intensity(values: list[int], code: str, *, is_used: bool) -> None:
+    signal, reflectivity = np.array([40, 500, 6000], np.float32), np.array(values, code)
+    both = message(builders.pointcloud2(XYZ, stamp_ns=STAMP_NS, reflectivity=reflectivity, intensity=signal))
+    np.testing.assert_array_equal(decode_pointcloud2(both).intensity, reflectivity if is_used else signal)
+    np.testing.assert_array_equal(decode_pointcloud2(both, calibrated=False).intensity, signal)
+
+
+def test_ring_out_of_range_is_clipped() -> None:
     np.testing.assert_array_equal(decode(ring=np.array([-1, 70_000, 5], np.int32)).ring, [0, 65535, 5])
     np.testing.assert_array_equal(decode(ring=np.array([np.nan, 1e30, 5], np.float32)).ring, [0, 65535, 5])
 

@@ -59,8 +59,8 @@ def judged(text: str, turn: Any) -> dict[str, Any]:
     to_sensor = info.lidar_to_sensor_transform * np.array([[1, 1, 1, 1e-3]] * 3 + [[1] * 4])
     points = core.dewarp(core.XYZLut(info)(turn), np.broadcast_to(np.linalg.inv(to_sensor), (turn.w, 4, 4)).copy())
     times = np.broadcast_to((turn.timestamp - turn.timestamp[0]).astype(np.int64), shape)
-    light = turn.field("SIGNAL" if turn.has_field("SIGNAL") else "REFLECTIVITY")
-    columns = {"xyz": points, "time_offset_ns": times, "intensity": light.astype(float)}
+    columns = {"xyz": points, "time_offset_ns": times, "intensity": turn.field("REFLECTIVITY").astype(float)}
+    columns["signal"] = turn.field("SIGNAL" if turn.has_field("SIGNAL") else "REFLECTIVITY").astype(float)
     columns["ring"] = np.broadcast_to(np.arange(turn.h)[:, None], shape)
     hit = core.destagger(info, turn.field("RANGE").astype(np.uint32)) > 0
     return {name: core.destagger(info, np.ascontiguousarray(one))[hit] for name, one in columns.items()}
@@ -85,7 +85,9 @@ def test_points_and_times_are_those_of_ousters_library(profile: str, package: st
         cloud = decode_ouster(sweep)
         assert (cloud.frame_id, cloud.stamp_ns, cloud.has_time) == ("os_lidar", sweep.stamp_ns, True)
         assert len(cloud) + cloud.nan_dropped == 64 * 1024
-        same(cloud, judged(text, frame(text, number, BOOT_NS + number * TURN_NS)))
+        expected = judged(text, frame(text, number, BOOT_NS + number * TURN_NS))
+        same(cloud, expected)
+        np.testing.assert_array_equal(decode_ouster(sweep, calibrated=False).intensity, expected["signal"])
 
 
 @needs_sdk

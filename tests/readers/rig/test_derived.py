@@ -30,7 +30,7 @@ class Sweep(NamedTuple):
     number: int
     stamp_ns: int
     xyz: Array
-    fields: dict[str, Array]  # Intensity, ring and time of each point
+    fields: dict[str, Array]  # Intensity, ring, time and reflectivity of each point
 
     @property
     def intensity(self) -> dict[str, Array]:
@@ -56,6 +56,7 @@ def sweep(number: int, seed: int = 0, points: int = 12000) -> Sweep:
         "intensity": chance.uniform(0, 255, points).astype(np.float32),
         "ring": (40 * (elevation + 0.7)).astype(np.uint16),
         "time": np.linspace(0, 0.1, points).astype(np.float32),
+        "reflectivity": chance.integers(0, 256, points).astype(np.uint16),  # of an Ouster; nodes hand on the intensity
     }
     return Sweep(number, START_NS + number * STEP_NS, xyz, fields)
 
