@@ -138,8 +138,8 @@ def _turn_rate(azimuth: I64, model: VelodyneModel, device_us: I64) -> F64:
         turned = np.zeros(1)  # unknown from a single column
     else:
         period_us = columns * model.column_us
-        between = np.maximum(np.rint(np.diff(device_us) / period_us), 1.0)
-        turned = _turn(azimuth[:-1, 0], azimuth[1:, 0]) / (between * period_us)
+        between = np.rint(np.diff(device_us) / period_us)  # negative behind a packet that was overtaken
+        turned = _turn(azimuth[:-1, 0], azimuth[1:, 0]) / (np.where(between == 0, 1, between) * period_us)
         turned = np.concatenate([turned[:1], turned])
     return np.asarray(turned * (np.pi / 18000))
 
