@@ -42,13 +42,16 @@ MAX_OFF_CENTER = 0.05
 def distortion_model(name: str, coefficients: npt.ArrayLike) -> tuple[DistortionModel, F64]:
     """A distortion model by its ROS name, and its coefficients as float64.
 
-    An unknown model whose coefficients are all zero means no distortion.
+    An unknown model whose coefficients are all zero means no distortion. A `plumb_bob` with more than five is the
+    rational polynomial, as OpenCV counts: Orbbec's driver names them so.
 
     Raises:
         CalibrationError: the model is unknown and a coefficient is not zero.
     """
     values = np.array(coefficients, np.float64).reshape(-1)
     known = DISTORTION_MODELS.get(name.strip().lower())
+    if known == "plumb_bob" and values[5:].any():
+        known = "rational_polynomial"
     if known is not None:
         return known, values
     if not values.any():

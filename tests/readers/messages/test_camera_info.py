@@ -35,6 +35,8 @@ def test_field_names_of_both_ros_versions(encoding: str) -> None:
     [
         ("plumb_bob", (-0.3, 0.1, 0.0, 0.0, 0.0), "plumb_bob"),
         ("radtan", (-0.3, 0.1, 0.0, 0.0), "plumb_bob"),
+        ("plumb_bob", (-0.3, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), "plumb_bob"),
+        ("plumb_bob", (0.5, -2.6, 0.0, 0.0, 1.5, 0.4, -2.4, 1.4), "rational_polynomial"),
         ("rational_polynomial", (0.1, 0.2, 0.0, 0.0, 0.1, 0.2, 0.3, 0.4), "rational_polynomial"),
         ("equidistant", (0.1, 0.01, 0.0, 0.0), "equidistant"),
         ("kannala_brandt", (0.1, 0.01, 0.0, 0.0), "equidistant"),
