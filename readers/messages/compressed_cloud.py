@@ -73,7 +73,7 @@ def unpack_cloud(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMIT
     if format_name not in {"zlib", "zstd"}:
         raise _unknown(topic, format_name, "draco, zlib or zstd")
     check_points(int(packed.width), topic, limits, others, rows=int(packed.height))
-    size = int(packed.height) * (int(packed.row_step) or int(packed.width) * int(packed.point_step))
+    size = int(packed.height) * max(int(packed.row_step), int(packed.width) * int(packed.point_step))
     if size > limits.max_points * MAX_POINT_BYTES:
         raise MessageError(f"{topic}: {packed.width} points of {size} bytes in all: raise limit_scale")
     names = ("height", "width", "fields", "is_bigendian", "point_step", "row_step", "is_dense")
@@ -90,7 +90,7 @@ def _unknown(topic: str, format_name: str, expected: str) -> MessageError:
 
 
 def _unpacked(data: bytes, format_name: str, size: int, topic: str) -> U8:
-    """(size,) the content of zlib or zstd."""
+    """The content of zlib or zstd, at most `size` bytes; steps of rows may be wrong, see `pointcloud2`."""
     try:
         if format_name == "zstd":
             found = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
@@ -98,10 +98,8 @@ def _unpacked(data: bytes, format_name: str, size: int, topic: str) -> U8:
             found = zlib.decompressobj(GZIP_OR_ZLIB).decompress(data, size + 1)
     except (zlib.error, zstandard.ZstdError) as err:
         raise MessageError(f"{topic}: {len(data)} bytes that {format_name} cannot unpack ({err})") from err
-    if len(found) != size:
-        raise MessageError(
-            f"{topic}: {format_name} unpacks to {'more' if len(found) > size else len(found)} bytes, expected {size}"
-        )
+    if len(found) > size:
+        raise MessageError(f"{topic}: {format_name} unpacks to more bytes, expected {size}")
     return np.frombuffer(found, np.uint8)
 
 
