@@ -27,6 +27,7 @@ from lidcam.readers.files.mcap.records import (
     is_summary_sound,
     listed_messages,
     load_chunk,
+    read_chunk_head,
     record_at,
     records_in,
 )
@@ -128,13 +129,26 @@ class _Scan:
 
     def _skip(self, position: int, search_from: int) -> int:
         """Skip the damage at `position`; returns where the next record begins."""
-        following = find_record(self._stream, search_from, self._end)
+        inside = self._inside_cut_chunk(position)
+        following = inside or find_record(self._stream, search_from, self._end)
         self._last_chunk = position
         reason = "no record begins here: the bytes were overwritten"
-        if following == self._end:
+        if inside or following == self._end:
             reason = "the file ends in the middle of a record: it was cut off"
         self._bad[position] = (reason, following - position)
         return following
+
+    def _inside_cut_chunk(self, position: int) -> int:
+        """The first record of a chunk without compression that the file ends in; 0 if none begins at `position`."""
+        self._stream.seek(position)
+        try:
+            opcode, size = RECORD_HEAD.unpack(read_exactly(self._stream, RECORD_HEAD.size))
+            head = read_chunk_head(self._stream)
+        except (EOFError, ValueError):
+            return 0
+        end = head.position + head.size
+        is_cut = opcode == Opcode.CHUNK and end == position + RECORD_HEAD.size + size and end > self._end
+        return head.position if is_cut and not head.compression else 0
 
     def _take(self, record: Record) -> None:
         opcode = record.opcode
