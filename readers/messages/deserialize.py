@@ -82,6 +82,19 @@ class Cursor:
             self.at += (_ENCAPSULATION_BYTES - self.at) % size
 
 
+def cursor_of(message: RawMessage, *msgtypes: str) -> Cursor:
+    """A cursor at the beginning of a message of one of some types.
+
+    Raises:
+        MessageError: the message could not be read, or is of another type.
+    """
+    if message.problem:
+        raise MessageError(f"{message.topic}: {message.problem}")
+    if message.channel.msgtype not in msgtypes:
+        raise MessageError(f"{message.topic}: expected {' or '.join(msgtypes)}, found {message.channel.msgtype}")
+    return Cursor(message.data, message.channel.encoding)
+
+
 MAX_FIELDS = 5000
 """Values in a message: a list counts as one, an array of messages as all its elements."""
 

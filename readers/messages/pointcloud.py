@@ -20,7 +20,7 @@ from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.decoding import decoder
-from lidcam.readers.messages.deserialize import Cursor, typestore_for
+from lidcam.readers.messages.deserialize import Cursor, cursor_of, typestore_for
 from lidcam.readers.messages.pointcloud2 import MAX_OFFSET_NS, check_points, cloud_of_columns, cloud_of_fields
 from lidcam.readers.messages.tf import clean_frame
 
@@ -48,13 +48,8 @@ def read_pointcloud(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LI
     Raises:
         MessageError: not a PointCloud, its bytes end too soon, or there are more points than `limits` allow.
     """
-    channel, data = message.channel, message.data
-    if message.problem:
-        raise MessageError(f"{channel.topic}: {message.problem}")
-    if channel.msgtype != POINT_CLOUD:
-        raise MessageError(f"{channel.topic}: expected {POINT_CLOUD}, found {channel.msgtype}")
+    channel, data, cursor = message.channel, message.data, cursor_of(message, POINT_CLOUD)
     typestore_for(channel)  # the definition is the usual one
-    cursor = Cursor(data, channel.encoding)
     try:
         cursor.skip(4, 3 if channel.encoding == "ros1" else 2)  # the header's stamp, in ROS 1 behind its seq
         frame_id, count = cursor.string(), cursor.uint32()
@@ -101,12 +96,8 @@ def parse_livox(message: RawMessage) -> LivoxPoints:
     Raises:
         MessageError: not a CustomMsg, its definition is another one than Livox's, or its bytes end too soon.
     """
-    channel, data = message.channel, message.data
-    if message.problem:
-        raise MessageError(f"{channel.topic}: {message.problem}")
-    if channel.msgtype not in CUSTOM:
-        raise MessageError(f"{channel.topic}: expected {' or '.join(sorted(CUSTOM))}, found {channel.msgtype}")
-    is_ros1, cursor = channel.encoding == "ros1", Cursor(data, channel.encoding)
+    channel, data, cursor = message.channel, message.data, cursor_of(message, *sorted(CUSTOM))
+    is_ros1 = channel.encoding == "ros1"
     layout = _point(channel, cursor.order)
     try:
         cursor.skip(4, 3 if is_ros1 else 2)  # the header's stamp, in ROS 1 behind its seq

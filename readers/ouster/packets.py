@@ -14,7 +14,7 @@ from rosbags.interfaces import Nodetype
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.ros.messages import ROS2
-from lidcam.readers.messages.deserialize import Cursor, typestore_for
+from lidcam.readers.messages.deserialize import cursor_of, typestore_for
 
 PACKETS = ("ouster_ros/msg/PacketMsg", "ouster_sensor_msgs/msg/PacketMsg", "ouster_msgs/msg/PacketMsg")
 SWEEP = "lidcam_msgs/msg/OusterSweep"
@@ -65,9 +65,7 @@ def packet_data(message: RawMessage, size: int) -> bytes:
     Raises:
         MessageError: its bytes are not there, end too soon, or are no packet of `size` bytes.
     """
-    if message.problem:
-        raise MessageError(f"{message.topic}: {message.problem}")
-    cursor = Cursor(message.data, message.channel.encoding)
+    cursor = cursor_of(message, *PACKETS)
     try:
         count = cursor.uint32()
     except struct.error as err:

@@ -17,7 +17,7 @@ from lidcam.pipeline.core.arrays import I64, U8, Array, Bools
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.ros.messages import ROS2
-from lidcam.readers.messages.deserialize import Cursor, typestore_for
+from lidcam.readers.messages.deserialize import cursor_of, typestore_for
 from lidcam.readers.messages.tf import clean_frame
 
 SCAN = "velodyne_msgs/msg/VelodyneScan"
@@ -65,14 +65,9 @@ def parse_velodyne_scan(message: RawMessage) -> VelodynePackets:
     Raises:
         MessageError: not a VelodyneScan, its recorded definition is not the usual one, or its bytes end too soon.
     """
-    channel, data = message.channel, message.data
-    if message.problem:
-        raise MessageError(f"{channel.topic}: {message.problem}")
-    if channel.msgtype != SCAN:
-        raise MessageError(f"{channel.topic}: expected {SCAN}, found {channel.msgtype}")
+    channel, data, cursor = message.channel, message.data, cursor_of(message, SCAN)
     typestore_for(channel)  # the definition is the usual one
     is_ros1 = channel.encoding == "ros1"
-    cursor = Cursor(data, channel.encoding)
     try:
         cursor.skip(4, 3 if is_ros1 else 2)  # the header's stamp, in ROS 1 behind its seq
         frame_id, count = cursor.string(), cursor.uint32()
@@ -118,10 +113,7 @@ def packet_data(message: RawMessage) -> bytes | memoryview:
     Raises:
         MessageError: its bytes are not there, or end too soon.
     """
-    data = message.data
-    if message.problem:
-        raise MessageError(f"{message.topic}: {message.problem}")
-    cursor = Cursor(data, message.channel.encoding)
+    data, cursor = message.data, cursor_of(message, PACKET)
     start, end = cursor.at, cursor.at + _STAMPED_BYTES
     if len(data) < end:
         raise MessageError(f"{message.topic}: expected a {PACKET} of {end} bytes, found {len(data)} bytes")
