@@ -208,7 +208,7 @@ def read_transforms(
     for message, transform, child in _transforms(beginnings, drops, names, limits, is_wanted=may_tell):
         if not isinstance(transform, Transform):
             faults[child] = f"{transform} ({message.topic})"
-        elif not fixed.is_static(child):
+        elif fixed.edge(child) is None:
             first = seen.setdefault(child, transform)
             same = first.dst == transform.dst and np.abs(first.matrix - transform.matrix).max() <= MAX_STILL_CHANGE
             if not same or transform.dst in ODOMETRY_FRAMES:
@@ -216,7 +216,7 @@ def read_transforms(
     for child, transform in seen.items():
         if child not in moving:
             fixed.add_static(transform)
-    known = {child: reason for child, reason in faults.items() if not fixed.is_static(child)}
+    known = {child: reason for child, reason in faults.items() if fixed.edge(child) is None}
     return RecordedTransforms(fixed, moving, known, frozenset(changed), tuple(drops.values()))
 
 

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from itertools import count, pairwise
+from itertools import count
 
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import RecordedDetector, Rig
@@ -116,8 +116,10 @@ def _joined(frame: str, transforms: RecordedTransforms) -> dict[str, Transform]:
     """T_frame_other of all frames that fixed transforms join with a frame, itself included; each edge is used once."""
     tree = transforms.fixed
     known = {frame: Transform.identity(frame, frame)}
-    for child, parent in pairwise(tree.chain(frame)):
-        known[parent] = known[child] @ tree.lookup(parent, child).inverse()
+    child = frame
+    while (edge := tree.edge(child)) is not None and edge.dst not in known:  # known: they run in a circle
+        known[edge.dst] = known[child] @ edge.inverse()
+        child = edge.dst
     for one in sorted(tree.frames):
         way: dict[str, None] = {}
         last: str | None = one

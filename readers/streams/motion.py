@@ -167,8 +167,7 @@ def links_up(
         if frame in transforms.moving:
             links.append(frame)
             parent = transforms.moving[frame]
-        elif transforms.fixed.is_static(frame):
-            edge = transforms.fixed.lookup(transforms.fixed.chain(frame)[1], frame)
+        elif (edge := transforms.fixed.edge(frame)) is not None:
             links.append(edge)
             parent = edge.dst
         else:

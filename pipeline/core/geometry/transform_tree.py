@@ -22,13 +22,13 @@ class TransformTree:
         """All known frames."""
         return frozenset(name for edge in self._edges.values() for name in (edge.dst, edge.src))
 
+    def edge(self, frame: str) -> Transform | None:
+        """T_parent_frame; None for a root or an unknown frame."""
+        return self._edges.get(frame)
+
     def parent(self, frame: str) -> str | None:
         """Parent of a frame; None for a root or an unknown frame."""
         return self._edges[frame].dst if frame in self._edges else None
-
-    def is_static(self, frame: str) -> bool:
-        """Whether the transform from this frame to its parent is known."""
-        return frame in self._edges
 
     def root(self, frame: str) -> str:
         """The last ancestor of `frame`; the frame itself if it has no parent."""
