@@ -13,8 +13,9 @@ from lidcam.pipeline.core.frame import SensorBundle, own_motion
 from lidcam.pipeline.core.messages import Drop, RawMessage
 from lidcam.pipeline.core.settings.combine import MotionConfig
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.messages.tf import read_transforms
 from lidcam.readers.rig.discovery import discover_rig
-from lidcam.readers.streams.motion import MotionBuffer, MotionSource, find_motion_source
+from lidcam.readers.streams.motion import MotionBuffer, MotionSource, find_motion_source, links_up
 
 MS = 1_000_000
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -84,6 +85,11 @@ def test_odometry_of_a_fixed_neighbour_is_taken_with_the_offset_between() -> Non
 )
 def test_there_is_no_motion_of_the_rig(messages: list[RawMessage], settings: dict[str, Any]) -> None:
     assert source_of(*messages, **settings) is None
+
+
+def test_fixed_frames_in_a_circle_do_not_move() -> None:
+    circle = tf(*(transform_stamped(a, b, stamp_ns=0) for a, b in ("ab", "ba")), topic="/tf_static")
+    assert links_up("a", read_transforms(MemoryRecording([circle])), is_end=lambda _: False) is None
 
 
 def test_a_configured_topic_may_leave_its_frame_unnamed() -> None:
