@@ -19,6 +19,7 @@ from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.combine import CombineConfig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.filters.ground import find_ground
+from lidcam.readers.rig.calibration import MIN_UP
 from lidcam.readers.streams.decoders import CloudDecoder
 from lidcam.run.warning import RunWarning
 
@@ -88,7 +89,10 @@ def pointless_cameras(rig: Rig, xyz_site: F64) -> tuple[RunWarning, ...]:
             continue
         finding = f"none of {len(xyz_site)} lidar points falls into its image"
         remedy = "check its extrinsics and the frame that they are given in"
-        if inverse := _count_in_image(camera, _as_inverse(camera.T_camera_site), xyz_site):
+        if camera.T_camera_site.matrix[2, 2] >= MIN_UP:
+            finding += ", and it looks at the sky"
+            remedy = "if its pose is that of its body (x forward), give that of its optical frame (z forward, x right)"
+        elif inverse := _count_in_image(camera, _as_inverse(camera.T_camera_site), xyz_site):
             finding += f" ({inverse} do with the inverse of its extrinsics)"
             remedy += ", and whether T_camera_site (site to camera) and T_site_camera are mixed up"
         found.append(RunWarning(camera.name, finding, remedy))

@@ -107,3 +107,13 @@ def test_cameras_without_a_point_in_the_image(point: tuple[float, ...], count: i
     found = pointless_cameras(rig, np.tile(np.array([point], np.float64), (count, 1)))
     assert [warning.subject for warning in found] == ["one", "two"][:cameras]
     assert all(f"none of {count} lidar points falls into its image{remark}" in str(warning) for warning in found)
+
+
+def test_a_camera_in_the_axes_of_its_body_looks_at_the_sky() -> None:
+    camera = forward_camera()
+    body = replace(camera, T_camera_site=Transform("cam", "site", np.eye(4)))
+    (warning,) = pointless_cameras(replace(RIG, cameras=(camera, body)), np.tile([[10.0, 0, 0]], (600, 1)))
+    assert str(warning).endswith(
+        "falls into its image, and it looks at the sky; if its pose is that of its body (x forward), give that of its "
+        "optical frame (z forward, x right)"
+    )
