@@ -95,7 +95,7 @@ MAX_AWAY_M = 2e5
 squares of MGRS end at half of it, those of UTM are of half a metre."""
 
 MAX_OFF_CENTER = 0.25
-"""Largest distance of a principal point from the middle of the image, as a share of its size."""
+"""Largest distance of a principal point from the middle of an image that is not cropped, as a share of its size."""
 
 PARTS = {
     **dict.fromkeys(("T_site_lidar", "T_camera_site", "T_site_camera", *POSE), ("extrinsics",)),
@@ -227,6 +227,12 @@ def calibrate_camera(
     if extrinsics.endswith(OF_BODY):
         frame = lens.model.frame_id
         remarks.append(f"as an optical frame, {frame} looks at the sky: taken as the frame of its body, x forward")
+    if _off_center(lens.model) > MAX_OFF_CENTER:
+        (x, y), size = lens.model.K[:2, 2], f"{lens.model.width_px} x {lens.model.height_px} px"
+        remarks.append(
+            f"its principal point ({x:.0f}, {y:.0f}) is far from the middle of its images of {size}: unless they are "
+            "cropped, its K is for images of another size"
+        )
     sensor = CameraSensor(camera.name, topics.image, topics.boxes, lens.model, pose, entry.time_offset_ns)
     if lens.rectified is not None:
         model, T_model_camera = lens.rectified
@@ -323,14 +329,19 @@ def _scaled(model: CameraModel, width_px: int, height_px: int) -> CameraModel | 
     None if the size has another shape, or if the principal point says that the calibration's own size is wrong.
     """
     factor = width_px / model.width_px
-    center = (model.K[:2, 2] + 0.5) / [model.width_px, model.height_px]
-    if abs(height_px - factor * model.height_px) > 1 or np.abs(center - 0.5).max() > MAX_OFF_CENTER:
+    if abs(height_px - factor * model.height_px) > 1 or _off_center(model) > MAX_OFF_CENTER:
         return None
     scale = np.array([factor, height_px / model.height_px])
     K = model.K.copy()
     K[:2] *= scale[:, None]
     K[:2, 2] += (scale - 1) / 2  # principal points count from the centre of the first pixel
     return CameraModel(model.frame_id, width_px, height_px, K, model.model, model.distortion)
+
+
+def _off_center(model: CameraModel) -> float:
+    """Distance of the principal point from the middle of the image, as a share of its size."""
+    center = (model.K[:2, 2] + 0.5) / [model.width_px, model.height_px]
+    return float(np.abs(center - 0.5).max())
 
 
 def camera_extrinsics(camera: AssignedCamera, frame: str, frames: Frames) -> tuple[Transform, str]:

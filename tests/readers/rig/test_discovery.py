@@ -307,6 +307,18 @@ def test_p_is_used_where_k_is_of_another_image() -> None:
     )
 
 
+@pytest.mark.parametrize(("factor", "is_told"), [(1, False), (2, True)])
+def test_a_k_of_another_size_is_told(factor: float, is_told: bool) -> None:
+    """As of a node that shrinks images and their CameraInfo, but not the matrices in it."""
+    shrunk = info("/c/camera_info", "cam", K=K * [[factor], [factor], [1]])
+    found = rig_with(image_message("/c/image_raw", "cam"), shrunk)
+    note = (
+        "c: its principal point (64, 48) is far from the middle of its images of 64 x 48 px: unless they are cropped, "
+        "its K is for images of another size"
+    )
+    assert found.notes == (note,) * is_told
+
+
 @pytest.mark.parametrize("scale", [0.5, 2 / 3, 4])
 def test_calibrations_of_scaled_images_are_scaled(scale: float) -> None:
     """Pixel x of an image is (x + 0.5) s - 0.5 of the scaled one."""
