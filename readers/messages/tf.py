@@ -59,7 +59,7 @@ PROBE_NS = 60_000_000_000
 """Length of /tf that is read before the run: enough to see every frame without reading a long recording twice."""
 
 BEGINNING_NS = 2_000_000_000
-"""Length of /tf that is read from the start, for any time window: fixed frames are sent more often than this."""
+"""Length of /tf that is read from the start, for any time window, and at its end: fixed frames are sent more often."""
 
 MAX_STILL_CHANGE = 1e-6
 """Largest change of a matrix entry (metres, or roughly radians) of a fixed frame."""
@@ -88,7 +88,8 @@ class RecordedTransforms:
     moving: Mapping[str, str] = field(default_factory=dict)  # Parent by child, for frames that move
     # Fault of a frame's recorded transform, by child; such transforms are not used
     faults: Mapping[str, str] = field(default_factory=dict)
-    changed: frozenset[str] = frozenset()  # Frames of tf_static that are in several places, or have several parents
+    # Frames of tf_static that it, or tf, has in several places, or with several parents
+    changed: frozenset[str] = frozenset()
     # The first message of each topic that could not be decoded, and how many there were
     drops: tuple[tuple[Drop, int], ...] = ()
 
@@ -179,8 +180,9 @@ def read_transforms(
     stop_ns: int | None = None,
     limits: RecordingLimits = DEFAULT_LIMITS,
 ) -> RecordedTransforms:
-    """All of /tf_static, and /tf at the start of the recording and of the time window (log times; `stop_ns` excluded).
+    """All of /tf_static, and /tf at the start of the recording and at both ends of the time window (log times).
 
+    `stop_ns` is excluded. What stands at first and is elsewhere at the end moves: a vehicle that drives off late.
     Messages of a topic that names more frames than `limits` allow are dropped from there on.
     """
     static, dynamic = tf_topics(recording)
@@ -196,7 +198,7 @@ def read_transforms(
             faults[child] = f"{transform} ({message.topic})"
             continue
         before, sent[child] = sent.get(child, transform), transform
-        if before.dst != transform.dst or np.abs(before.matrix - transform.matrix).max() > MAX_ROUNDED:
+        if _differ(before, transform, MAX_ROUNDED):
             changed.add(child)
         fixed.add_static(transform)
 
@@ -208,16 +210,24 @@ def read_transforms(
     for message, transform, child in _transforms(beginnings, drops, names, limits, is_wanted=may_tell):
         if not isinstance(transform, Transform):
             faults[child] = f"{transform} ({message.topic})"
-        elif fixed.edge(child) is None:
-            first = seen.setdefault(child, transform)
-            same = first.dst == transform.dst and np.abs(first.matrix - transform.matrix).max() <= MAX_STILL_CHANGE
-            if not same or transform.dst in ODOMETRY_FRAMES:
-                moving[child] = transform.dst
+        elif (known := fixed.edge(child)) is not None:
+            if _differ(known, transform, MAX_ROUNDED):
+                changed.add(child)
+        elif _differ(seen.setdefault(child, transform), transform) or transform.dst in ODOMETRY_FRAMES:
+            moving[child] = transform.dst
+    end = _end(recording, dynamic, start_ns, stop_ns)
+    for _, transform, child in _transforms(end, drops, names, limits, is_wanted=may_tell):
+        if child in seen and isinstance(transform, Transform) and _differ(seen[child], transform):
+            moving[child] = transform.dst
     for child, transform in seen.items():
         if child not in moving:
             fixed.add_static(transform)
-    known = {child: reason for child, reason in faults.items() if fixed.edge(child) is None}
-    return RecordedTransforms(fixed, moving, known, frozenset(changed), tuple(drops.values()))
+    left = {child: reason for child, reason in faults.items() if fixed.edge(child) is None}
+    return RecordedTransforms(fixed, moving, left, frozenset(changed), tuple(drops.values()))
+
+
+def _differ(one: Transform, other: Transform, limit: float = MAX_STILL_CHANGE) -> bool:
+    return one.dst != other.dst or bool(np.abs(one.matrix - other.matrix).max() > limit)
 
 
 def _beginnings(
@@ -238,6 +248,13 @@ def _beginnings(
     for message in recording.messages(topics, start_ns=start_ns, stop_ns=end_ns):
         if (message.log_time_ns, message.order) > last:
             yield message
+
+
+def _end(recording: Recording, topics: list[str], start_ns: int | None, stop_ns: int | None) -> Iterator[RawMessage]:
+    """The last messages of the time window, where they lie behind all of its beginning that is read."""
+    after_ns = min(stop_ns or recording.end_ns + 1, recording.end_ns + 1)
+    if topics and after_ns - BEGINNING_NS > (start_ns or recording.start_ns) + PROBE_NS:
+        yield from recording.messages(topics, start_ns=after_ns - BEGINNING_NS, stop_ns=after_ns)
 
 
 def _first_of(recording: Recording, topics: list[str], span_ns: int) -> Iterator[RawMessage]:

@@ -129,8 +129,8 @@ def _notes_of_tf(found: FoundSensors) -> list[str]:
         return []
     more = f" and {len(changed) - MAX_LISTED} more" if len(changed) > MAX_LISTED else ""
     return [
-        f"tf_static gives several poses of {', '.join(changed[:MAX_LISTED])}{more}: the last recorded one is used for "
-        "the whole recording; if it is another one, give it in a rig file (transforms)"
+        f"tf gives several poses of {', '.join(changed[:MAX_LISTED])}{more}: the last one of tf_static is used for the "
+        "whole recording; if it is another one, give it in a rig file (transforms)"
     ]
 
 

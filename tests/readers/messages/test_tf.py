@@ -118,6 +118,15 @@ def test_only_the_beginning_of_tf_is_read_but_all_of_tf_static() -> None:
     assert read_transforms(MemoryRecording(messages)).fixed.frames == {"base", "a", "c"}
 
 
+@pytest.mark.parametrize(("stop_s", "moves"), [(None, True), (70, False), (130, True)])
+def test_what_drives_off_late_moves(stop_s: float | None, moves: bool) -> None:
+    times_s = (0, 30, 100, 129)
+    messages = [tf("/tf", edge("world", "car", max(0, at_s - 60)), edge("car", "a"), at_s=at_s) for at_s in times_s]
+    found = read_transforms(MemoryRecording(messages), stop_ns=None if stop_s is None else round(stop_s * SECOND))
+    assert dict(found.moving) == ({"car": "world"} if moves else {})
+    assert found.are_joined("world", "a") != moves
+
+
 @pytest.mark.parametrize("early", [tf("/tf", edge("base", "a")), tf("/other", edge("base", "a"))])
 def test_one_log_time_that_is_far_too_early_does_not_hide_the_rest(early: RawMessage) -> None:
     """Nor does it where it is that of another topic: the time before the first transform does not count."""

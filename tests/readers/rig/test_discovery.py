@@ -117,11 +117,14 @@ def test_faults_that_differ_in_names_alone_are_told_once() -> None:
         (("site", "b", (1, 0, 0)), False),
     ],
 )
-def test_a_pose_that_changes_is_told(later: Any, is_told: bool) -> None:
-    found = discover([static(("site", "a", (1, 0, 0))), A, static(later)])
+@pytest.mark.parametrize("topic", ["/tf_static", "/tf"])
+def test_a_pose_that_changes_is_told(later: Any, is_told: bool, topic: str) -> None:
+    fields = tf_message([transform_stamped(later[0], later[1], stamp_ns=5, translation=later[2])])
+    other = raw(topic, "tf2_msgs/msg/TFMessage", fields, 5)
+    found = discover([static(("site", "a", (1, 0, 0))), A, other])
     note = (
-        "tf_static gives several poses of a: the last recorded one is used for the whole recording; if it is another "
-        "one, give it in a rig file (transforms)"
+        "tf gives several poses of a: the last one of tf_static is used for the whole recording; if it is another one, "
+        "give it in a rig file (transforms)"
     )
     assert found.notes == ((note,) if is_told else ())
 
