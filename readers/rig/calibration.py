@@ -155,7 +155,10 @@ class Frames:
         try:
             return self.transforms.lookup(dst, src)
         except FrameError as err:
-            other = "" if self.transforms.fixed.frames else "name the file with /tf_static beside this one, "
+            known = self.transforms.fixed.frames
+            other = "" if known else "name the file with /tf_static beside this one, "
+            if alike := sorted(one for one in known for name in {dst, src} - known if one.endswith(f"/{name}")):
+                other = f"name the frames as tf does ({', '.join(alike)}) with frame_id in a rig file (--rig), or "
             remedy = f"{other}give its pose in a rig file (--rig), or --set 'topics.exclude=[TOPIC]'"
             raise FrameError(f"{err}; {remedy}") from err
 
