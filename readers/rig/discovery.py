@@ -137,7 +137,7 @@ def _notes_of_tf(found: FoundSensors) -> list[str]:
 def _with_own_frames(rig: Rig, notes: list[str]) -> Rig:
     """The rig, whose cameras have frames of their own: as drivers come, several may share a name."""
     placed = {lidar.T_site_lidar.src: lidar.T_site_lidar.matrix for lidar in rig.lidars}
-    cameras = []
+    cameras, names = list[CameraSensor](), dict[str, list[str]]()
     for camera in rig.cameras:
         pose, frame = camera.T_camera_site, camera.T_camera_site.dst
         T_site_camera = pose.inverse().matrix
@@ -146,6 +146,13 @@ def _with_own_frames(rig: Rig, notes: list[str]) -> Rig:
             camera = replace(camera, T_camera_site=Transform(own, pose.src, pose.matrix))
             notes.append(f"{camera.name}: another sensor has its frame {frame}, too; in the result it is {own}")
         cameras.append(camera)
+        names.setdefault(camera.T_camera_site.dst, []).append(camera.name)
+    notes += [
+        f"{', '.join(shared)}: all in frame {frame} and so in one place: if they are several cameras, give each its "
+        "pose in a rig file (--rig)"
+        for frame, shared in names.items()
+        if len(shared) > 1
+    ]
     return replace(rig, cameras=tuple(cameras))
 
 

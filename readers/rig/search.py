@@ -208,7 +208,7 @@ def _site_frame(lidar_frames: Sequence[str], camera_frames: set[str], transforms
     roots = [root for _, root in ends]
     cameras = {one: sum(transforms.are_joined(one, frame) for frame in camera_frames) for one in {*roots}}
     root = max(roots, key=lambda one: roots.count(one) + cameras[one])  # the first of equals
-    if root in camera_frames or root.endswith(OPTICAL):
+    if (root in camera_frames and root != "base_link") or root.endswith(OPTICAL):
         return next(frame for frame, end in ends if end == root)
     return root
 

@@ -30,6 +30,9 @@ def camera_edge(parent: str, child: str) -> Fields:
     return transform_stamped(parent, child, stamp_ns=5, translation=(0.5, 0, 1), rotation_xyzw=OPTICAL)
 
 
+STEREO = (image_message, "image_raw"), (info, "camera_info")
+
+
 def discover(messages: Iterable[RawMessage], **sections: Any) -> Discovery:
     return discover_rig(MemoryRecording(messages), Config.model_validate(sections))
 
@@ -261,6 +264,28 @@ def test_a_camera_needs_camera_info_and_a_transform() -> None:
     np.testing.assert_allclose(camera.T_camera_site.apply(np.array([10.5, 0, 1.0])), [0, 0, 10], atol=1e-12)
     assert found.faults == ()
     assert found.sources[1].intrinsics == "/camera/camera_info (no distortion)"
+
+
+def test_cameras_in_one_place_are_told() -> None:
+    """As drivers of stereo cameras stamp both images with the frame of the left one."""
+    messages = [message(f"/{name}/{topic}", "base_link") for name in "ab" for message, topic in STEREO]
+    found = discover([static(("base_link", "velo", (0, 0, 1))), cloud("/velo_points", "velo"), *messages])
+    assert found.rig.site_frame == "base_link", "as a camera of it is taken to look forward"
+    assert found.notes[-1] == (
+        "a, b: all in frame base_link and so in one place: if they are several cameras, give each its pose in a rig "
+        "file (--rig)"
+    )
+
+
+def test_frames_without_the_prefix_of_tf_are_told() -> None:
+    """As frame_prefix of robot_state_publisher makes them."""
+    edges = (camera_edge("robot/base_link", "robot/cam"), ("robot/base_link", "robot/velo", (0, 0, 1)))
+    messages = [cloud("/velo_points", "velo"), *(message(f"/c/{topic}", "cam") for message, topic in STEREO)]
+    reason = reasons(discover([static(*edges), *messages]))["c"]
+    assert "name the frames as tf does (robot/cam, robot/velo) with frame_id in a rig file (--rig), or give" in reason
+    entries = {"lidars": {"velo": {"frame_id": "robot/velo"}}, "cameras": {"c": {"frame_id": "robot/cam"}}}
+    named = discover_rig(MemoryRecording([static(*edges), *messages]), Config(), RigFile.model_validate(entries))
+    assert (named.rig.site_frame, len(named.rig.cameras)) == ("robot/base_link", 1)
 
 
 def test_cameras_with_one_name_for_their_frames_have_frames_of_their_own() -> None:
