@@ -121,16 +121,12 @@ def _joined(frame: str, transforms: RecordedTransforms) -> dict[str, Transform]:
         known[edge.dst] = known[child] @ edge.inverse()
         child = edge.dst
     for one in sorted(tree.frames):
-        way: dict[str, None] = {}
-        last: str | None = one
-        while last is not None and last not in known and last not in way:
-            way[last] = None
-            last = tree.parent(last)
-        if last is None or last not in known:  # another tree, or a circle
-            continue
-        for child in reversed(way):
-            known[child] = known[last] @ tree.lookup(last, child)
-            last = child
+        way, last = dict[str, Transform](), one
+        while last not in known and last not in way and (edge := tree.edge(last)) is not None:
+            way[last] = edge
+            last = edge.dst
+        for edge in reversed(way.values()) if last in known else ():  # else another tree, or a circle
+            known[edge.src] = known[edge.dst] @ edge
     return known
 
 

@@ -51,7 +51,7 @@ VELO_IN_CAMERA = transform_stamped("cam_optical", "velo", stamp_ns=5, rotation_x
         ([("map", "base_link", (9, 0, 0)), ("base_link", "a", (1, 0, 0))], "a", "base_link", (1, 0, 0)),
         ([("car", "base_link", (9, 0, 0)), ("site", "a", (1, 0, 0))], "a", "site", (1, 0, 0)),
         ([VELO_IN_CAMERA], "velo", "velo", (0, 0, 0)),
-        ([("a", "b", (1, 0, 0)), ("b", "a", (1, 0, 0))], "a", "a", (0, 0, 0)),  # a circle, which it does not need
+        ([("a", "b", (1, 0, 0)), ("b", "a", (1, 0, 0)), ("b", "c", (1, 0, 0))], "a", "a", (0, 0, 0)),  # b in a circle
         ([("utm", "gantry", (691000, 5336000, 0)), ("gantry", "a", (1, 0, 0))], "a", "gantry", (1, 0, 0)),
     ],
 )
