@@ -9,10 +9,17 @@ from lidcam.pipeline.core.errors import CalibrationError, LidcamError
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.readers.messages.tf import RecordedTransforms
+from lidcam.readers.messages.tf import RecordedTransforms, clean_frame
 from lidcam.readers.recording import Recording
 from lidcam.readers.rig.assignment import AssignedCamera, AssignedLidar
-from lidcam.readers.rig.calibration import OWN_SITE, Frames, SensorSource, calibrate_camera, calibrate_lidar
+from lidcam.readers.rig.calibration import (
+    OWN_SITE,
+    Frames,
+    SensorSource,
+    calibrate_camera,
+    calibrate_lidar,
+    camera_frame,
+)
 from lidcam.readers.rig.clocks import clock_note, clock_offsets, usual_delay_ns
 from lidcam.readers.rig.detectors import calibrated_detectors
 from lidcam.readers.rig.schema import RigFile
@@ -117,21 +124,33 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
             *of_detectors,
             *(sources[camera.name] for camera in rig.cameras),
         ),
-        (*(note for one in findings for note in one.notes), *_notes_of_tf(found), *of_clocks),
+        (*(note for one in findings for note in one.notes), *_notes_of_tf(found, frames), *of_clocks),
         found.transforms,
         usual_ns,
     )
 
 
-def _notes_of_tf(found: FoundSensors) -> list[str]:
-    changed = sorted(found.transforms.changed - found.of_rig)
-    if not changed:
-        return []
-    more = f" and {len(changed) - MAX_LISTED} more" if len(changed) > MAX_LISTED else ""
-    return [
-        f"tf gives several poses of {', '.join(changed[:MAX_LISTED])}{more}: the last one of tf_static is used for the "
-        "whole recording; if it is another one, give it in a rig file (transforms)"
-    ]
+def _notes_of_tf(found: FoundSensors, frames: Frames) -> list[str]:
+    notes = []
+    if changed := sorted(found.transforms.changed - found.of_rig):
+        more = f" and {len(changed) - MAX_LISTED} more" if len(changed) > MAX_LISTED else ""
+        notes.append(
+            f"tf gives several poses of {', '.join(changed[:MAX_LISTED])}{more}: the last one of tf_static is used for "
+            "the whole recording; if it is another one, give it in a rig file (transforms)"
+        )
+    own = sorted({*found.frames.values(), *(camera_frame(camera, frames, found.first) for camera in found.cameras)})
+    used, given = set[str](), {clean_frame(child) for row in found.rig_file.transforms.values() for child in row}
+    sensors: Sequence[Assigned] = (*found.lidars, *found.cameras)
+    for last in (found.site, *own, *(clean_frame(one.entry.parent) for one in sensors)):
+        while last not in used and (edge := found.transforms.fixed.edge(last)) is not None:
+            used.add(last)
+            last = edge.dst
+    if given and not given & used:
+        notes.append(
+            f"no sensor needs the transforms of the rig file, to {', '.join(sorted(given)[:MAX_LISTED])}: the sensors "
+            f"are in {', '.join(own[:MAX_LISTED])}"
+        )
+    return notes
 
 
 def _with_own_frames(rig: Rig, notes: list[str]) -> Rig:

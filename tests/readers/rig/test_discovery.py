@@ -132,6 +132,14 @@ def test_a_pose_that_changes_is_told(later: Any, is_told: bool, topic: str) -> N
     assert found.notes == ((note,) if is_told else ())
 
 
+@pytest.mark.parametrize(("child", "is_told"), [("lidr", True), ("/lidar", False), ("mast", False)])
+def test_transforms_of_the_rig_file_that_no_sensor_needs_are_told(child: str, is_told: bool) -> None:
+    rig = RigFile.model_validate({"transforms": {"base": {child: {"rpy_deg": [0, 0, 90]}}}})
+    found = discover_rig(MemoryRecording([static(("mast", "lidar", (1, 0, 0))), cloud()]), Config(), rig)
+    note = "no sensor needs the transforms of the rig file, to lidr: the sensors are in lidar"
+    assert found.notes == (note,) * is_told
+
+
 @pytest.mark.parametrize(("frame", "is_told"), [("right", True), ("/left", False), ("", False)])
 def test_lidars_that_share_a_topic_are_told(frame: str, is_told: bool) -> None:
     found = discover([cloud("/points", "left"), cloud("/points", frame), cloud("/points", "left")])
