@@ -12,9 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lidcam.pipeline.calibration.motions import motion
 from lidcam.pipeline.calibration.overlap import MAX_DOUBTFUL_FIT, BoxFit, BoxFrame, has_enough, turned_pose
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.rig import CameraSensor
+from lidcam.readers.rig.calibration import OPTICAL_OF_BODY
 from lidcam.run.warning import RunWarning
 
 MAX_BAD_FIT = 0.15
@@ -45,7 +47,7 @@ class _Pose(NamedTuple):
 
 
 def coarse_pose_warning(
-    camera: CameraSensor, others: Sequence[CameraSensor], frames: Sequence[BoxFrame]
+    camera: CameraSensor, others: Sequence[CameraSensor], frames: Sequence[BoxFrame], lidar_xyz: F64
 ) -> RunWarning | None:
     """The warning of a camera whose pose fits badly, with the pose that fits; None if it fits or too little was seen.
 
@@ -53,6 +55,7 @@ def coarse_pose_warning(
         camera: As calibrated.
         others: The other cameras of the rig.
         frames: Frames with objects and with 2D boxes of the camera.
+        lidar_xyz: (L, 3) positions of the lidars in the site frame, metres.
     """
     count = sum(len(frame.xyxy) for frame in frames)
     if not has_enough(frames):
@@ -70,7 +73,7 @@ def coarse_pose_warning(
             f"{finding}, and reach to {reach_px} px where its calibration is for images of {image}",
             "record the boxes in pixels of that image, or the CameraInfo of the one that they were found in",
         )
-    for candidates in (_exchanged_poses(camera, others), _turned_poses(camera)):
+    for candidates in (_mistaken_poses(camera, others, lidar_xyz), _turned_poses(camera)):
         fit, best = max(((fit_of(pose.T_camera_site), pose) for pose in candidates), key=lambda one: one[0])
         if fit >= max(MIN_BETTER_FIT, MIN_GAIN * calibrated):
             return RunWarning(camera.name, f"{finding}, and by {fit:.0%} {best.description}", best.remedy)
@@ -80,16 +83,28 @@ def coarse_pose_warning(
     return RunWarning(camera.name, finding, remedy)
 
 
-def _exchanged_poses(camera: CameraSensor, others: Sequence[CameraSensor]) -> Iterator[_Pose]:
-    """The inverse of the camera's pose, and the poses of the other cameras."""
+def _mistaken_poses(camera: CameraSensor, others: Sequence[CameraSensor], lidar_xyz: F64) -> Iterator[_Pose]:
+    """Poses as of mistakes: inverted, in other axes, on its side, another camera's, and beside lidars in other axes."""
     yield _Pose(
         camera.T_camera_site.inverse().matrix,
         "with the inverse of its extrinsics",
         "they look inverted: T_camera_site maps points of the site to the camera, T_site_camera the other way",
     )
+    body = OPTICAL_OF_BODY @ camera.T_camera_site.matrix
+    remedy = "give the pose of its optical frame: z forward, x right, y down"
+    yield _Pose(body, "with its extrinsics taken as those of its body (x forward)", remedy)
+    remedy = "check how its mount, or its driver, turns the image"
+    for roll_deg, side in ((180, ""), (90, " counter-clockwise"), (-90, " clockwise")):
+        yield _Pose(turned_pose(camera, 0, 0, roll_deg), f"if it were rolled by {abs(roll_deg)} degrees{side}", remedy)
     remedy = "check which extrinsics, and which topics, belong to which camera"
     for other in others:
         yield _Pose(other.T_camera_site.matrix, f"with the extrinsics of {other.name}", remedy)
+    for yaw_deg in (90, -90, 180) if len(lidar_xyz) else ():
+        turn, center = motion(np.array([0, 0, np.radians(yaw_deg), 0, 0, 0, 0])), np.append(lidar_xyz.mean(0), 0)
+        turn[:, 3] += center - turn @ center
+        description = f"if the lidars were turned by {yaw_deg} degrees about z"
+        remedy = "check which way the x axis of the lidar points, and its extrinsics"
+        yield _Pose(camera.T_camera_site.matrix @ turn, description, remedy)
 
 
 def _turned_poses(camera: CameraSensor) -> Iterator[_Pose]:

@@ -183,7 +183,7 @@ class RigCheck:
         """The verdict on a camera; what is significant is fitted again alone, as an error has one cause."""
         frames, none = [*self._pairs[camera.name]], np.zeros(7, np.bool_)
         others = [other for other in self._rig.cameras if other is not camera]
-        coarse = coarse_pose_warning(camera, others, [*self._boxes[camera.name]])
+        coarse = coarse_pose_warning(camera, others, [*self._boxes[camera.name]], self._rig.lidar_xyz)
         if not frames:
             return CameraVerdict(camera, 0, 0, None, none, coarse)
         pairs = join_rows(*frames)

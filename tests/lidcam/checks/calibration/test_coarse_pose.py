@@ -17,6 +17,7 @@ from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.rig.calibration import OPTICAL_OF_BODY
 
 CAR = (4.2, 1.8, 1.5)
 
@@ -75,6 +76,9 @@ def test_cameras_as_calibrated_are_not_named() -> None:
     [
         (turned(TRUE, "y", -20), "if it looked 20 degrees further left; calibrate it again"),
         (turned(TRUE, "x", -10), "if it looked 10 degrees further down; calibrate it again"),
+        (turned(TRUE, "z", 180), "if it were rolled by 180 degrees; check how its mount"),
+        (turned(TRUE, "z", -90), "if it were rolled by 90 degrees counter-clockwise; check how its mount"),
+        (posed(TRUE, OPTICAL_OF_BODY.T @ TRUE.T_camera_site.matrix), "with its extrinsics taken as those of its body"),
         (posed(TRUE, TRUE.T_camera_site.inverse().matrix), "with the inverse of its extrinsics; they look inverted"),
     ],
 )
@@ -83,6 +87,17 @@ def test_the_pose_that_fits_is_named(camera: CameraSensor, how: str) -> None:
     assert line.startswith("front: its ")
     assert "boxes overlap the objects of the lidars by" in line
     assert f", and by 100% {how}" in line
+
+
+def test_a_lidar_whose_x_axis_points_aside() -> None:
+    """Objects are where they would be if it pointed forward."""
+    center = np.append(RIG.lidar_xyz.mean(0), 0)
+    quarter = np.eye(4)
+    quarter[:3, :3] = Rotation.from_euler("z", 90, degrees=True).as_matrix()
+    quarter[:, 3] += center - quarter @ center
+    wrong = replace(rig(posed(TRUE, TRUE.T_camera_site.matrix @ quarter)), lidars=RIG.lidars)
+    [line] = warned(wrong, FRAMES)
+    assert ", and by 100% if the lidars were turned by -90 degrees about z; check which way" in line
 
 
 def test_cameras_with_each_others_extrinsics() -> None:
