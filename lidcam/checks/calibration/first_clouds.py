@@ -2,11 +2,12 @@
 
 A pose stored the wrong way round puts a lidar as far below the site as it is above it, so the height of the ground
 below each lidar is compared with the rig's ground height, else with that of most other lidars. If the mount of a lidar
-that looks aside was forgotten, its ground is tilted in the site while that of another lidar is level. A wrong heading
-leaves the ground as it is and is not found here.
+that looks aside was forgotten, its ground is tilted in the site while that of another lidar is level; if that of one
+that hangs upside down was, its ground is above it. A wrong heading leaves the ground as it is and is not found here.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -37,6 +38,9 @@ MIN_GROUND_OFFSET = 3.0
 
 MAX_TILT_DEG = 65.0
 """Maximum tilt of a floor in the site; anything steeper is a wall."""
+
+TURNED_OVER = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Half a turn about x, which a lidar that hangs upside down has."""
 
 
 class FirstClouds:
@@ -148,18 +152,25 @@ def _inverted_warning(
 
 
 def tilted_lidars(rig: Rig, config: CombineConfig, clouds: Mapping[str, PointCloud]) -> tuple[RunWarning, ...]:
-    """Warnings of lidars whose ground is tilted though that of another lidar is level; arguments as above."""
+    """Warnings of lidars whose ground is above them, or tilted though that of another is level; arguments as above."""
     lidars = [lidar for lidar in rig.lidars if lidar.name in clouds]
     level = [lidar.name for lidar in lidars if _ground(lidar.T_site_lidar, clouds[lidar.name], config) is not None]
     steep = config.model_copy(update={"ground": config.ground.model_copy(update={"max_tilt_deg": MAX_TILT_DEG})})
     found = []
-    for lidar in lidars if level else ():
-        plane = None if lidar.name in level else _ground(lidar.T_site_lidar, clouds[lidar.name], steep)
+    for lidar in lidars:
+        if lidar.name in level:
+            continue
+        pose, cloud = lidar.T_site_lidar, clouds[lidar.name]
+        plane = _ground(pose, cloud, steep) if level else None
         if plane is not None:
             tilt_deg = np.degrees(np.arccos(np.clip(plane.normal[2], -1.0, 1.0)))
             finding = f"its ground is tilted by {tilt_deg:.0f} degrees in the site, and that of {level[0]} is level"
-            remedy = "check the roll and pitch of its extrinsics: how it is mounted may be missing in them"
-            found.append(RunWarning(lidar.name, finding, remedy))
+        elif _ground(replace(pose, matrix=pose.matrix @ TURNED_OVER), cloud, config) is not None:
+            finding = "its ground is above it in the site"
+        else:
+            continue
+        remedy = "check the roll and pitch of its extrinsics: how it is mounted may be missing in them"
+        found.append(RunWarning(lidar.name, finding, remedy))
     return tuple(found)
 
 

@@ -92,6 +92,16 @@ def test_a_lidar_whose_mount_was_forgotten(turned_deg: list[float], tilt: str | 
     assert tilted_lidars(replace(RIG, lidars=(given,)), CombineConfig(), clouds) == (), "nobody to compare it with"
 
 
+@pytest.mark.parametrize("names", ["a", "ab"])
+def test_a_lidar_that_hangs_upside_down(names: str) -> None:
+    true = [lidar(name) for name in names]
+    clouds = {one.name: measured(one) for one in true}
+    over = replace(true[0].T_site_lidar, matrix=true[0].T_site_lidar.matrix @ np.diag([1.0, -1, -1, 1]))
+    rig = replace(RIG, lidars=(replace(true[0], T_site_lidar=over), *true[1:]))
+    (warning,) = tilted_lidars(rig, CombineConfig(), clouds)
+    assert str(warning).startswith("a: its ground is above it in the site; check the roll and pitch")
+
+
 @pytest.mark.parametrize(
     ("point", "count", "cameras", "remark"),
     [
