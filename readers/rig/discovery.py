@@ -138,10 +138,15 @@ def _notes_of_tf(found: FoundSensors, frames: Frames) -> list[str]:
             f"tf gives several poses of {', '.join(changed[:MAX_LISTED])}{more}: the last one of tf_static is used for "
             "the whole recording; if it is another one, give it in a rig file (transforms)"
         )
+    known, site = found.transforms.fixed.frames, found.site
+    if not found.is_site_named and site in found.frames.values() and site not in {*known, *found.transforms.moving}:
+        told = f"tf has no such frame, but {', '.join(sorted(known)[:MAX_LISTED])}" if known else ""
+        if reason := found.transforms.faults.get(site, told):
+            notes.append(f"poses are in {site}, the lidar's own frame: {reason}; see transforms in a rig file (--rig)")
     own = sorted({*found.frames.values(), *(camera_frame(camera, frames, found.first) for camera in found.cameras)})
     used, given = set[str](), {clean_frame(child) for row in found.rig_file.transforms.values() for child in row}
     sensors: Sequence[Assigned] = (*found.lidars, *found.cameras)
-    for last in (found.site, *own, *(clean_frame(one.entry.parent) for one in sensors)):
+    for last in (site, *own, *(clean_frame(one.entry.parent) for one in sensors)):
         while last not in used and (edge := found.transforms.fixed.edge(last)) is not None:
             used.add(last)
             last = edge.dst

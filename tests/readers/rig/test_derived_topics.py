@@ -90,7 +90,7 @@ def test_clouds_that_are_pieces_of_sweeps_are_told(stamps_ms: Iterable[int], log
 
 
 def test_an_empty_list_of_topics_is_none_and_null_is_all() -> None:
-    recorded = [cloud("/a"), static(("a", "c", (1, 0, 0))), image_message("/image_raw", "c")]
+    recorded = [cloud("/a"), static(("lidar", "c", (1, 0, 0))), image_message("/image_raw", "c")]
     assert [fault.sensor for fault in discover(recorded, cameras=None).faults] == ["camera"]  # has no calibration
     found = discover(recorded, cameras=[])
     assert found.notes == ("topics.cameras is empty: no camera is used",)

@@ -132,6 +132,23 @@ def test_a_pose_that_changes_is_told(later: Any, is_told: bool, topic: str) -> N
     assert found.notes == ((note,) if is_told else ())
 
 
+@pytest.mark.parametrize(
+    ("edge", "reason"),
+    [
+        (transform_stamped("base", "Lidar", stamp_ns=5), "tf has no such frame, but Lidar, base"),
+        (
+            transform_stamped("base", "lidar", stamp_ns=5, rotation_xyzw=(0, 0, 0, 0)),
+            "its rotation [0.0, 0.0, 0.0, 0.0] is not a unit quaternion (/tf_static)",
+        ),
+        (transform_stamped("base", "lidar", stamp_ns=5), ""),
+    ],
+)
+def test_a_lidar_whose_pose_tf_lacks_is_told(edge: Fields, reason: str) -> None:
+    note = f"poses are in lidar, the lidar's own frame: {reason}; see transforms in a rig file (--rig)"
+    assert discover([static(edge), cloud()]).notes == (note,) * bool(reason)
+    assert discover([static(edge), cloud()], rig={"site_frame": "lidar"}).notes == ()
+
+
 @pytest.mark.parametrize(("child", "is_told"), [("lidr", True), ("/lidar", False), ("mast", False)])
 def test_transforms_of_the_rig_file_that_no_sensor_needs_are_told(child: str, is_told: bool) -> None:
     rig = RigFile.model_validate({"transforms": {"base": {child: {"rpy_deg": [0, 0, 90]}}}})
