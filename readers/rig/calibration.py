@@ -105,8 +105,9 @@ PARTS = {
 }
 """Parts of the calibration that a key of a rig file belongs to."""
 
-MIN_UP = 0.7
-"""Minimum upward component of a viewing direction from which the frame is taken to be that of the camera's body."""
+MIN_UP = 0.5
+"""Minimum upward component of a viewing direction from which the frame is taken to be that of the camera's body, which
+then looks down by up to 60 degrees."""
 
 OPTICAL_OF_BODY = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
 """T_optical_body of REP 103."""

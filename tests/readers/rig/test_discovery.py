@@ -513,6 +513,7 @@ def test_images_that_may_be_rectified_have_two_lenses(options: dict[str, Any], i
 
 
 LEVEL, PITCHED = (0.0, 0.0, 0.0, 1.0), (0.0, 0.2588190451, 0.0, 0.9659258263)  # 30 degrees down
+STEEP = (0.0, 0.4617486132, 0.0, 0.8870108332)  # 55 degrees down, as from a mast
 DOWN = (0.0, 0.7071067812, 0.0, 0.7071067812)
 
 
@@ -521,6 +522,7 @@ DOWN = (0.0, 0.7071067812, 0.0, 0.7071067812)
     [
         ("cam_link", LEVEL, (1, 0, 0)),
         ("cam_link", PITCHED, (np.cos(np.pi / 6), 0, -0.5)),
+        ("cam_link", STEEP, (np.cos(np.radians(55)), 0, -np.sin(np.radians(55)))),
         ("cam_link", OPTICAL, (1, 0, 0)),
         ("cam_optical", LEVEL, (0, 0, 1)),  # as its name says
         ("cam_link", DOWN, (1, 0, 0)),  # its z axis is level: an optical frame
@@ -534,7 +536,7 @@ def test_cameras_in_the_frame_of_their_body(
     found = discover([static(edge), cloud("/points", "lidar"), *images])
     (camera,) = found.rig.cameras
     np.testing.assert_allclose(camera.T_camera_site.matrix[2, :3], forward, atol=1e-6)
-    is_body = frame == "cam_link" and rotation in (LEVEL, PITCHED)
+    is_body = frame == "cam_link" and rotation in (LEVEL, PITCHED, STEEP)
     assert [note for note in found.notes if "looks at the sky" in note] == [
         f"cam: as an optical frame, {frame} looks at the sky: taken as the frame of its body, x forward"
     ] * is_body
