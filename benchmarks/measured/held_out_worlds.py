@@ -82,13 +82,13 @@ def look_at_world(family: Family, detectors: dict[str, tuple[str, ...]], world: 
         for name, config in configs.items():
             rig, combined = combined_cloud(taken, config)
             found[name] = Detect3D(rig, decided(config, rig))(combined)
-        answer.append((_truth(taken, load_config(family), rig_of([taken]).site_frame), found))
+        answer.append((_truth(taken, load_config(family), rig_of([taken.origin]).site_frame), found))
     return answer
 
 
 def combined_cloud(taken: TrainingSweep, config: Config) -> tuple[Rig, CombinedCloud]:
     """The lidar of a sweep, and its cloud as a run combines it."""
-    rig = rig_of([taken])
+    rig = rig_of([taken.origin])
     return rig, Combine(rig, config.combine)(SensorBundle(0, 0, 0, {}), {"0": cloud_of(taken, "0")})
 
 

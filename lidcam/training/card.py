@@ -11,9 +11,7 @@ PRIORS = np.array([1.0, 1.0, 0.4, 0.4, 0.6])
 there are enough to learn from; these weights make them count as often as in streets."""
 
 BINS = 10
-
-MIN_PROBABILITY = 0.05
-"""The calibration error leaves out lower probabilities: for each kind, nearly all boxes are clearly not of it."""
+MIN_PROBABILITY = 0.05  # Of the calibration error: for each kind, nearly all boxes are clearly not of it
 
 
 def figures(probabilities: F64, examples: Examples) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -17,8 +17,8 @@ from lidcam.pipeline.detectors.cluster.features import FEATURES
 from lidcam.pipeline.detectors.cluster.kinds import KINDS
 from lidcam.pipeline.detectors.cluster.network import ClusterNetwork
 from lidcam.training.card import PRIORS, figures, log_loss
-from lidcam.training.examples import Examples, examples_of_frame, examples_of_recordings, examples_of_worlds
-from lidcam.training.labelled import WORLDS, Recordings, loaded
+from lidcam.training.examples import Examples, examples_of, examples_of_frame
+from lidcam.training.labelled import FIRST_HELD_OUT, RECORDINGS, WORLDS, Progress, Recordings, loaded
 
 EPOCHS = 20
 NETWORKS = 3
@@ -26,12 +26,10 @@ HIDDEN = 160, 80
 BATCH = 256
 RATE = 2e-3
 DECAY = 1e-3
-
-DROPOUT = 0.3
-"""Share of the hidden neurons that each step leaves out (Srivastava et al., 2014)."""
-
-NOISE = 0.1
-"""Standard deviation of the noise on each feature, as a share of the feature's own: worlds differ from reality."""
+DROPOUT = 0.3  # Share of the hidden neurons that each step leaves out (Srivastava et al., 2014)
+NOISE = 0.1  # Standard deviation of the noise on each feature, in the feature's own: worlds differ from reality
+HELD_OUT_SHARE = 0.2
+CASTING_SHARE = 0.9  # Share of the time that making the worlds takes
 
 EpochDone = Callable[[int, float], object]
 """Called after each epoch of each network with the number of epochs done, and its log loss."""
@@ -109,25 +107,6 @@ def _cooled(network: ClusterNetwork, temperature: float) -> ClusterNetwork:
     )
 
 
-FIRST_HELD_OUT = 1_000_000
-"""Number of the first world (plus the seed) that is not trained on: some calibrate the network, others judge it."""
-
-HELD_OUT_SHARE = 0.2
-
-CASTING_SHARE = 0.9
-"""Share of the time that making the worlds takes."""
-
-Progress = Callable[[float, str], object]
-"""Called with the share that is done, and a text to show with it."""
-
-
-class Trained(NamedTuple):
-    """A network and its card in Markdown."""
-
-    network: ClusterNetwork
-    card: str
-
-
 def train_clusters(
     family: Literal["road", "crossing", "all"] | None,
     worlds: int,
@@ -136,8 +115,11 @@ def train_clusters(
     workers: int,
     progress: Progress,
     recordings: Recordings | None = None,
-) -> Trained:
+) -> tuple[ClusterNetwork, str]:
     """Train on worlds of one or both families, numbered from the seed on, on recordings, or on equal parts of the two.
+
+    Returns:
+        The network, and its card in Markdown.
 
     Raises:
         RecordingError: no object is labelled in the frames to learn from, or in those to calibrate with.
@@ -163,12 +145,12 @@ def train_clusters(
 
     for name, numbers in parts.items():
         for one in families:
-            collect(name, examples_of_worlds(one, numbers, workers=workers))
+            collect(name, examples_of(one, numbers, workers=workers))
     judged: list[tuple[str, Examples]] = [(WORLDS, Examples.joined(found["judge"]))] * bool(families)
     if recordings is not None:
-        collect("train", examples_of_recordings(recordings, drawn, workers=workers))
+        collect("train", examples_of(recordings, drawn, workers=workers))
         found["calibrate"] += [examples_of_frame(loaded(path)) for path in recordings.calibrate]
-        judged.append(("recordings", Examples.joined([examples_of_frame(loaded(path)) for path in recordings.judge])))
+        judged.append((RECORDINGS, Examples.joined([examples_of_frame(loaded(path)) for path in recordings.judge])))
     train, calibrate = Examples.joined(found["train"]), Examples.joined(found["calibrate"])
     for use, examples in (("learn from", train), ("calibrate with", calibrate)):
         if not examples.kinds.any():
@@ -202,4 +184,4 @@ half gave the temperature. In the other half, with {sum(len(one.kinds) for _, on
 Found and false: boxes of a probability of 0.5 and more. Calibration error: of boxes from 0.05 on. There people,
 cyclists and large vehicles count {PRIORS[2]:g}, {PRIORS[3]:g} and {PRIORS[4]:g} times: streets have fewer.
 """
-    return Trained(network, card)
+    return network, card

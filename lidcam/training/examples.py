@@ -14,6 +14,7 @@ from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.detect import Detect3DConfig
 from lidcam.pipeline.detectors.cluster.features import FEATURES
 from lidcam.pipeline.detectors.cluster.learned import FeatureFinder
 from lidcam.pipeline.parallel.pool import process_pool
@@ -21,18 +22,14 @@ from lidcam.pipeline.stages.combine import Combine
 from lidcam.pipeline.stages.detect3d import Detect3D
 from lidcam.training.labelled import NAMES, LabelledFrame, Recordings
 
-SWEEPS_OF_A_WORLD = 4
-"""Sweeps of each world, each by another lidar in another place: more add little, since the same objects stand there."""
+SWEEPS_OF_A_WORLD = 4  # Each by another lidar in another place: more add little, since the same objects stand there
+MIN_POINTS = 3  # Points on a true object; one with fewer counts as absent
 
-MIN_POINTS = 3
-"""Minimum points on a true object; one with fewer counts as absent."""
-
-GATES_M = np.array([0.0, 2.0, 0.6, 0.9, 2.5])
-"""Maximum distance of a box from a true object of the same kind, for each of `KINDS`."""
-
+GATES_M = np.array([0.0, 2.0, 0.6, 0.9, 2.5])  # Maximum distance of a box from a true object, for each of `KINDS`
 KIND_OF_CLASS = {"car": 1, "pedestrian": 2, "cyclist": 3, "van": 4, "truck": 4, "bus": 4}
 KIND_OF_ROW = np.array([KIND_OF_CLASS[name] for name in NAMES])
 SITE = "site"
+CONFIG = Config(detect3d=Detect3DConfig(score="geometric"))
 
 
 class Examples(NamedTuple):
@@ -48,17 +45,13 @@ class Examples(NamedTuple):
         return cls(*(np.concatenate(arrays) for arrays in zip(empty, *parts, strict=True)))
 
 
-def examples_of_worlds(family: Family, worlds: range, *, workers: int) -> Iterator[Examples]:
-    """The examples of each world, in order; the same for any number of processes."""
-    return _mapped(partial(_of_world, family), worlds, workers)
+def examples_of(source: Family | Recordings, numbers: range, *, workers: int) -> Iterator[Examples]:
+    """The examples of each world of a family, or of as many frames drawn from recordings as a world has sweeps.
 
-
-def examples_of_recordings(recordings: Recordings, numbers: range, *, workers: int) -> Iterator[Examples]:
-    """The examples of frames drawn for each number, as many frames as a world has sweeps; otherwise as for worlds."""
-    return _mapped(partial(_of_drawn_frames, recordings), numbers, workers)
-
-
-def _mapped(make: Callable[[int], Examples], numbers: range, workers: int) -> Iterator[Examples]:
+    They are in order, and the same for any number of processes.
+    """
+    make: Callable[[int], Examples]
+    make = partial(_of_drawn_frames, source) if isinstance(source, Recordings) else partial(_of_world, source)
     if workers == 1:
         yield from map(make, numbers)
         return
@@ -68,16 +61,16 @@ def _mapped(make: Callable[[int], Examples], numbers: range, workers: int) -> It
 
 def examples_of_frame(frame: LabelledFrame) -> Examples:
     """The examples in the labelled part of a frame."""
-    rig, config, count = _rig(frame.origins), _config(), len(frame.position)
+    rig, count = rig_of(frame.origins), len(frame.position)
     rest = np.zeros(count, np.float32), np.zeros(count, np.uint16), np.zeros(count, np.int32)
     cloud, ground = PointCloud(0, SITE, frame.position.astype(np.float32), *rest), Plane(np.array([0.0, 0, 1]), 0.0)
     combined = CombinedCloud(cloud, cloud, frame.lidar, cloud.select(np.arange(0)), ground, {})
-    found, true = Detect3D(rig, config)(combined), frame.true.select(frame.true.points >= MIN_POINTS)
+    found, true = Detect3D(rig, CONFIG)(combined), frame.true.select(frame.true.points >= MIN_POINTS)
     kinds = kinds_of_boxes(found.centers[:, :2], true.centers[:, :2], KIND_OF_ROW[true.classes])
     known = frame.is_labelled(found.centers[:, :2]) | (kinds > 0)
     if not known.any():
         return Examples.joined([])
-    return Examples(FeatureFinder(rig, config)(combined, found.select(known)), kinds[known])
+    return Examples(FeatureFinder(rig, CONFIG)(combined, found.select(known)), kinds[known])
 
 
 def _of_drawn_frames(recordings: Recordings, number: int) -> Examples:
@@ -86,38 +79,29 @@ def _of_drawn_frames(recordings: Recordings, number: int) -> Examples:
 
 
 def _of_world(family: Family, world: int) -> Examples:
-    config, step = _config(), SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD
+    step = SWEEPS_PER_WORLD // SWEEPS_OF_A_WORLD
     found = [sweep(family, seed) for seed in range(world * SWEEPS_PER_WORLD, (world + 1) * SWEEPS_PER_WORLD, step)]
     # On masts, several lidars see one site: make one frame with a single lidar, and one with the others together.
     frames = [found[:1], found[1:]] if family == "crossing" else [[one] for one in found]
-    return Examples.joined([_of_sweeps(frame, config) for frame in frames])
+    return Examples.joined([_of_sweeps(frame) for frame in frames])
 
 
-def _config() -> Config:
-    config = Config()
-    return config.model_copy(update={"detect3d": config.detect3d.model_copy(update={"score": "geometric"})})
-
-
-def _of_sweeps(frame: Sequence[TrainingSweep], config: Config) -> Examples:
+def _of_sweeps(frame: Sequence[TrainingSweep]) -> Examples:
     """The examples of a frame of sweeps that were taken at the same time."""
-    rig = rig_of(frame)
+    rig = rig_of([one.origin for one in frame])
     clouds = {lidar.name: cloud_of(one, lidar.name) for lidar, one in zip(rig.lidars, frame, strict=True)}
-    combined = Combine(rig, config.combine)(SensorBundle(0, 0, 0, {}), clouds)
-    boxes = Detect3D(rig, config)(combined)
+    combined = Combine(rig, CONFIG.combine)(SensorBundle(0, 0, 0, {}), clouds)
+    boxes = Detect3D(rig, CONFIG)(combined)
     if not len(boxes):
         return Examples.joined([])
     is_seen = np.sum([one.point_counts for one in frame], axis=0) >= MIN_POINTS
     kinds = np.array([KIND_OF_CLASS[name] for name in frame[0].class_names], np.int64)
     truth = kinds_of_boxes(boxes.centers[:, :2], frame[0].centers[is_seen, :2], kinds[is_seen])
-    return Examples(FeatureFinder(rig, config)(combined, boxes), truth)
+    return Examples(FeatureFinder(rig, CONFIG)(combined, boxes), truth)
 
 
-def rig_of(frame: Sequence[TrainingSweep]) -> Rig:
-    """The lidars of sweeps, named by their numbers."""
-    return _rig([one.origin for one in frame])
-
-
-def _rig(origins: Iterable[F64]) -> Rig:
+def rig_of(origins: Iterable[F64]) -> Rig:
+    """Lidars at these places (3,), named by their numbers."""
     lidars = []
     for row, origin in enumerate(origins):
         pose = np.eye(4)

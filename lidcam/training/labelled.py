@@ -3,10 +3,10 @@
 Places are relative to the middle of the lidars and heights are above the ground, in metres, as in `PillarPoints`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,20 +19,18 @@ from lidcam.pipeline.parallel.transfer import dump, load
 NAMES = ("car", "pedestrian", "cyclist", "truck", "bus")
 """Classes of labelled frames. A van counts as a truck, as it does among the classes of lidcam."""
 
-WORLDS = "drawn worlds"
-"""Name of the worlds in cards."""
+WORLDS, RECORDINGS = "drawn worlds", "recordings"
+"""Names of the sources in cards."""
 
-MAX_PASTED = 8
-"""Maximum number of objects put into a frame, as their places are free."""
+MAX_PASTED = 8  # Objects put into a frame at most, as their places are free
+MIN_PASTED_POINTS = 10  # Points on an object that is put into other frames
+FREE_M = 0.3  # Distance of an object put into a frame from points and other boxes
+MARGIN_M = 0.1  # Maximum distance of an object's points from its box
 
-MIN_PASTED_POINTS = 10
-"""Minimum points on an object that is put into other frames."""
+FIRST_HELD_OUT = 1_000_000  # Plus the seed: number of the first world that calibrates or judges a network
 
-FREE_M = 0.3
-"""Minimum distance of an object put into a frame from points and other boxes."""
-
-MARGIN_M = 0.1
-"""Maximum distance of an object's points from its box."""
+Progress = Callable[[float, str], object]
+"""Called with the share that is done, and a text to show with it."""
 
 
 class TrueBoxes(NamedTuple):
@@ -64,12 +62,15 @@ def varied(
     """
     mirror, angle = np.array([1.0, draw.choice([-1.0, 1.0]), 1.0]), draw.uniform(-turn_rad, turn_rad)
     size, lift_m = draw.uniform(0.93, 1.07), draw.normal(0, 0.01) * position[:, 2].max(initial=0.0)
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    change = size * turn * mirror
+    change = size * _turn(angle) * mirror
     lift = np.array([0, 0, lift_m])
     yaws = mirror[1] * true.yaws + angle
     moved = true._replace(centers=true.centers @ change.T + lift, sizes=size * true.sizes, yaws=yaws)
     return position @ change.T + lift, moved, change
+
+
+def _turn(angle: float) -> F64:
+    return np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
 
 
 def points_in_boxes(position: F64, true: TrueBoxes) -> tuple[I64, I64]:
@@ -125,7 +126,7 @@ class LabelledFrame(NamedTuple):
         for _ in range(MAX_PASTED if len(classes) else 0):
             row = draw.choice(np.flatnonzero(objects.true.classes == draw.choice(classes)))
             angle = draw.uniform(-np.pi, np.pi)
-            turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+            turn = _turn(angle)
             one = objects.true.select(np.array([row]))
             one = one._replace(centers=one.centers @ turn.T, yaws=wrap_angle(one.yaws + angle))
             if frame.is_labelled(one.centers[:, :2])[0] and frame._is_free(one):
@@ -170,8 +171,8 @@ class Recordings(NamedTuple):
 
     def drawn(self, draw: np.random.Generator) -> LabelledFrame:
         """A random frame to learn from, with more objects in it, varied."""
-        frame = loaded(self.train[draw.integers(len(self.train))])
-        return frame.with_objects(cast(Objects, _loaded(self.objects)), draw).varied(draw)
+        frame: LabelledFrame = loaded(self.train[draw.integers(len(self.train))])
+        return frame.with_objects(loaded(self.objects), draw).varied(draw)
 
 
 def saved(path: Path, value: object) -> Path:
@@ -181,12 +182,8 @@ def saved(path: Path, value: object) -> Path:
     return path
 
 
-def loaded(path: Path) -> LabelledFrame:
-    """Read the frame in a file."""
-    return cast(LabelledFrame, _loaded(path))
-
-
 @lru_cache(32)
-def _loaded(path: Path) -> object:
+def loaded(path: Path) -> Any:
+    """What is in such a file; the last ones stay in memory."""
     with path.open("rb", buffering=0) as file:
         return load(file)

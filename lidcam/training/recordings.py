@@ -38,39 +38,21 @@ from lidcam.training.labelled import (
     saved,
 )
 
-LIDARS_ONLY = "detect2d.method=none", "track.mode=none", "output.images=false", "output.clouds=false"
-"""Settings that switch off all that is not needed for the points."""
+BARE = "output.images=false", "output.clouds=false"
+LIDARS_ONLY = "detect2d.method=none", "track.mode=none", *BARE  # All that is needed for the points
+TRACKS = "track.mode=offline", *BARE  # A run makes its own labels
 
-TRACKS = "track.mode=offline", "output.images=false", "output.clouds=false"
-"""Settings with which a run makes its own labels."""
+# A track's box is a label from this probability on, if the track was seen in as many frames. Others are neither objects
+# nor background, and neither are boxes of the lidars of this probability without a fused one, called `DOUBTED`.
+MIN_SURE_SCORE, MIN_SURE_FRAMES = 0.9, 5
+MIN_DOUBTED_SCORE, DOUBTED = 0.3, "doubted"
 
-MIN_SURE_SCORE = 0.9
-"""Minimum probability of an object of a track that is a label. Others are neither objects nor background."""
+MIN_LABELS = 20  # Boxes of sure tracks to learn from
+MAX_FRAMES = 1000  # Of 1 to 2 MB each; of a longer recording, every second one is kept, then every fourth, and so on
+MIN_FRAMES = 10  # From here on, the last fifth of a recording is kept apart: half of it calibrates, half judges
+GAP_NS = 500_000_000  # Time between frames to learn from and those kept apart, because neighbours look the same
 
-MIN_SURE_FRAMES = 5
-"""Minimum frames in which the object of a track was seen, for its boxes to be labels."""
-
-MIN_LABELS = 20
-"""Minimum boxes of sure tracks to learn from."""
-
-MAX_FRAMES = 1000
-"""Maximum frames of a recording that are kept, one to two megabytes each: every second one of more, then every fourth,
-and so on."""
-
-MIN_DOUBTED_SCORE = 0.3
-"""Minimum probability of a lidar's box without a fused one for its place to be no background to learn from, either."""
-
-DOUBTED = "doubted"
-"""Label of such a box."""
-
-MIN_FRAMES = 10
-"""Minimum frames of a recording of which some are kept apart: half of its last fifth calibrates, half judges."""
-
-GAP_NS = 500_000_000
-"""Minimum time between frames to learn from and those kept apart, because neighbours look the same."""
-
-EVERYWHERE_M = 1e5
-SQUARE = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
+EVERYWHERE = 1e5 * np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
 
 
 def read_recordings(
@@ -207,8 +189,8 @@ class _Kept(RunObserver):
             from_middle(self._rig.lidar_xyz),
             true._replace(points=points),
             circles[~counted],
-            np.array(rules.region) - middle if isinstance(rules.region, tuple) else EVERYWHERE_M * SQUARE,
-            np.append(-middle, rules.max_range_m or 2 * EVERYWHERE_M),
+            np.array(rules.region) - middle if isinstance(rules.region, tuple) else EVERYWHERE,
+            np.append(-middle, rules.max_range_m or np.inf),
             int((truth.labels == DOUBTED).sum()),
         )
 
@@ -237,21 +219,11 @@ def _sure(frame: ResultFrame, counts: Mapping[int, int]) -> TruthBoxes3D:
     fused, doubted = frame.sources["fused"], _doubted(frame)
     seen = np.array([counts.get(track, 0) for track in fused.track_ids.tolist()], np.int64)
     is_sure = (fused.boxes.scores >= MIN_SURE_SCORE) & (seen >= MIN_SURE_FRAMES) & (fused.track_ids != UNKNOWN)
-    every = fused.boxes.joined(doubted)
-    unknown = np.full(len(every), UNKNOWN)
-    return TruthBoxes3D(
-        stamp_ns=frame.stamp_ns,
-        frame_id=every.frame_id,
-        centers=every.centers,
-        sizes=every.sizes,
-        yaws=every.yaws,
-        class_ids=every.class_ids,
-        labels=np.repeat(["", DOUBTED], [len(fused), len(doubted)]),
-        track_ids=np.append(fused.track_ids, unknown[: len(doubted)]),
-        lidar_points=unknown.astype(np.int32),
-        image_pixels=unknown.astype(np.int32),
-        is_ignored=np.append(~is_sure, np.ones(len(doubted), np.bool_)),
-    )
+    every, counts_of = fused.boxes.joined(doubted), [len(fused), len(doubted)]
+    boxes = every.centers, every.sizes, every.yaws, every.class_ids, np.repeat(["", DOUBTED], counts_of)
+    track_ids, unknown = np.full(len(every), UNKNOWN), np.full(len(every), UNKNOWN, np.int32)
+    is_ignored = np.append(~is_sure, np.ones(len(doubted), np.bool_))
+    return TruthBoxes3D(frame.stamp_ns, every.frame_id, *boxes, track_ids, unknown, unknown, is_ignored)
 
 
 def _doubted(frame: ResultFrame) -> Boxes3D:

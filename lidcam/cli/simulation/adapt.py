@@ -52,9 +52,10 @@ def adapt(
     check_training()
     from lidcam.pipeline.detectors.cluster.kinds import knows
     from lidcam.run.box_sources import network_3d
-    from lidcam.training.labelled import WORLDS
+    from lidcam.training.labelled import RECORDINGS, WORLDS
     from lidcam.training.pillars.fit import Checkpoint
-    from lidcam.training.pillars.train import RECORDINGS, precision_of
+    from lidcam.training.pillars.scenes import Source
+    from lidcam.training.pillars.train import precision_of
 
     networks: dict[Path, Worlds] = {}
 
@@ -70,7 +71,7 @@ def adapt(
     def checkpoint_in(folder: Path) -> Checkpoint:
         labelled = read(recordings, folder, check, options, own_labels=True)
         ((network, worlds),) = networks.items()
-        return Checkpoint(out.with_suffix(".ckpt"), worlds, seed, labelled, begin=str(network))
+        return Checkpoint(out.with_suffix(".ckpt"), Source(worlds, labelled), seed, begin=str(network))
 
     def begun(before: "Mapping[str, Judged]") -> None:
         if precision_of(before[RECORDINGS]) == 1:

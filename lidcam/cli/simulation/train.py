@@ -118,12 +118,12 @@ def clusters(
             labelled = read(recordings, Path(folder), check, options)
             chosen = family if family or labelled else "road"
             with show_training() as progress:
-                trained = train_clusters(
+                network, text = train_clusters(
                     chosen, worlds, seed, workers=processes, progress=progress, recordings=labelled
                 )
-        outputs[out].write_bytes(trained.network.to_bytes())
-        outputs[card].write_text(trained.card)
-    typer.echo(trained.card)
+        outputs[out].write_bytes(network.to_bytes())
+        outputs[card].write_text(text)
+    typer.echo(text)
 
 
 @train_app.command(cls=GroupedCommand, epilog=PILLARS_EXAMPLES)
@@ -167,6 +167,7 @@ def pillars(
     """
     check_training()
     from lidcam.training.pillars.fit import Checkpoint
+    from lidcam.training.pillars.scenes import Source
 
     def checkpoint_in(folder: Path) -> Checkpoint:
         labelled = read(recordings, folder, partial(_check_classes, family=family), options)
@@ -174,10 +175,8 @@ def pillars(
         first = begin or (embedded if labelled else "none")
         return Checkpoint(
             path=out.with_suffix(".ckpt"),
-            worlds=family or "road",
+            source=Source(family or "road", labelled, bool(family) or not labelled),
             seed=seed,
-            recordings=labelled,
-            has_worlds=bool(family) or not labelled,
             begin="" if first == "none" else first,
             bfloat16=bfloat16,
         )
@@ -290,11 +289,10 @@ def convert(
 
     check_no_input([out], [network, *([config] if config else [])])
     with OutputTransaction([out], check_old=partial(_check_old, overwrite=overwrite)) as outputs:
-        made = converted(network, config, Data(ground_z, intensity_max))
-        outputs[out].write_bytes(made.content)
-    specs, names = made.specs, ", ".join(one.name for one in made.specs.classes)
+        content, specs = converted(network, config, Data(ground_z, intensity_max))
+        outputs[out].write_bytes(content)
     low, high = specs.grid.low_m, specs.grid.high_m
-    typer.echo(f"{out}: finds {names}")
+    typer.echo(f"{out}: finds {', '.join(one.name for one in specs.classes)}")
     typer.echo(f"x from {low[0]:g} to {high[0]:g} m, y from {low[1]:g} to {high[1]:g} m")
     typer.echo(f"ground at {specs.ground_z_m:g} m, intensities to {specs.intensity_max:g}")
 

@@ -22,13 +22,12 @@ from lidcam.pipeline.core.text import one_line
 from lidcam.pipeline.detectors.pillars.kits import KEY, KIT_INPUTS, KIT_OUTPUTS, KitSpecs
 from lidcam.training.kits.graph import Weights, add_network
 from lidcam.training.kits.mmdet3d import mmdet3d_model
-from lidcam.training.kits.model import Data, KitModel
+from lidcam.training.kits.model import Data
 from lidcam.training.kits.openpcdet import openpcdet_model
 from lidcam.training.onnx_graph import FLOAT, INT64, Graph
 from lidcam.training.torch_file import torch_file
 
-MAX_NUMBERS = 1 << 27
-"""Numbers of all layers: 1 GiB in memory. Small files may claim more, by repeating some."""
+MAX_NUMBERS = 1 << 27  # Of all layers: 1 GiB in memory. Small files may claim more, by repeating some
 
 BASE = "_BASE_CONFIG_"
 
@@ -159,15 +158,8 @@ def _merged(base: dict[str, Any], changed: dict[str, Any]) -> dict[str, Any]:
     return base | changed | {key: _merged(base[key], changed[key]) for key in shared if isinstance(changed[key], dict)}
 
 
-class Converted(NamedTuple):
-    """Content of a file for `--model-3d`, and the metadata in it."""
-
-    content: bytes
-    specs: KitSpecs
-
-
-def converted(network: Path, config: Path | None, given: Data) -> Converted:
-    """Convert a network.
+def converted(network: Path, config: Path | None, given: Data) -> tuple[bytes, KitSpecs]:
+    """Convert a network into the content of a file for `--model-3d`, and the metadata in it.
 
     Args:
         network: Checkpoint.
@@ -180,21 +172,16 @@ def converted(network: Path, config: Path | None, given: Data) -> Converted:
     checkpoint = read_checkpoint(network)
     if config is None and not checkpoint.config:
         raise ModelError(f"{network}: holds no configuration: give --config FILE")
-    source = config or network
-    model = _model(source, "" if config else checkpoint.config, given)
-    graph, weights, specs = Graph(), Weights(checkpoint.weights), model.specs
+    source, graph, weights = config or network, Graph(), Weights(checkpoint.weights)
+    content = read_config(source, "" if config else checkpoint.config)
     with _named(source):
+        model = openpcdet_model(content, given) if "MODEL" in content else mmdet3d_model(content, given)
         add_network(graph, model, weights)
         weights.check_none_left()
+    specs = model.specs
     inputs = (KIT_INPUTS[0], FLOAT, ("points", len(specs.features))), (KIT_INPUTS[1], INT64, ("points", 1))
     outputs = (KIT_OUTPUTS[0], FLOAT, ("boxes", 8)), (KIT_OUTPUTS[1], FLOAT, ("boxes", len(specs.classes)))
-    return Converted(graph.file(inputs, outputs, {KEY: specs.model_dump_json()}), specs)
-
-
-def _model(path: Path, text: str, given: Data) -> KitModel:
-    config = read_config(path, text)
-    with _named(path):
-        return openpcdet_model(config, given) if "MODEL" in config else mmdet3d_model(config, given)
+    return graph.file(inputs, outputs, {KEY: specs.model_dump_json()}), specs
 
 
 @contextmanager

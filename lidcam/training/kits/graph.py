@@ -12,14 +12,9 @@ from lidcam.pipeline.detectors.pillars.kits import KIT_INPUTS, KIT_OUTPUTS
 from lidcam.training.kits.model import AnchorHead, Backbone, CenterHead, KitModel
 from lidcam.training.onnx_graph import FLOAT, Graph
 
-MAX_BOXES = 1000
-"""Maximum number of boxes of a network, or of each group of classes; lidcam keeps the best in each place."""
-
-UNLIKELY = -30.0
-"""Log odds of a box for the classes of other groups."""
-
-COUNTERS = ("num_batches_tracked", "global_step")
-"""Counters that a training keeps among its weights."""
+MAX_BOXES = 1000  # Of a network, or of each group of classes; lidcam keeps the best in each place
+UNLIKELY = -30.0  # Log odds of a box for the classes of other groups
+COUNTERS = ("num_batches_tracked", "global_step")  # What a training counts among its weights
 
 
 class Weights:
@@ -84,14 +79,6 @@ class Image(NamedTuple):
     channels: int
 
 
-class _Rows(NamedTuple):
-    """The output of a head: values of N anchors, or cells, in rows along y; anchors of a cell follow each other."""
-
-    classes: str  # (N, C) log odds
-    boxes: str  # (N, ...) numbers of the boxes
-    turns: str = ""  # (N, ...) log odds of the parts of a turn; empty: none
-
-
 def add_network(graph: Graph, model: KitModel, weights: Weights) -> None:
     """Add all nodes of a network, with the outputs `KIT_OUTPUTS`.
 
@@ -104,22 +91,19 @@ def add_network(graph: Graph, model: KitModel, weights: Weights) -> None:
         return
     layers = {"conv_cls": len(model.specs.classes), model.names.boxes: head.code, "conv_dir_cls": head.directions}
     rows = [
-        _by_row(graph, _last(graph, weights, f"{name}.{layer}", image, len(head.anchors) * numbers, 1), numbers)
+        _rows(graph, weights, f"{name}.{layer}", image, len(head.anchors), numbers, 1)
         for layer, numbers in layers.items()
         if numbers
     ]
-    _add_anchor_boxes(graph, model, head, _Rows(*rows))
+    _add_anchor_boxes(graph, model, head, *rows)
 
 
-def _by_row(graph: Graph, image: str, numbers: int) -> str:
-    """Reshape an image into rows of numbers."""
-    return graph.add_node("Reshape", graph.add_node("Transpose", image, perm=[0, 2, 3, 1]), np.array([-1, numbers]))
-
-
-def _add_anchor_boxes(graph: Graph, model: KitModel, head: AnchorHead, rows: _Rows) -> None:
-    """Add the nodes that turn the values of anchors into boxes, with the outputs `KIT_OUTPUTS`."""
+def _add_anchor_boxes(
+    graph: Graph, model: KitModel, head: AnchorHead, classes: str, boxes: str, directions: str = ""
+) -> None:
+    """Add the nodes that turn rows of anchors into boxes: log odds of classes and parts of a turn, and box numbers."""
     anchors, cells, count = head.anchors, _output_cells(model), np.array(len(head.anchors))
-    likely = _likeliest(graph, rows.classes, len(model.specs.classes), int(count * cells.prod()))
+    likely = _likeliest(graph, classes, len(model.specs.classes), int(count * cells.prod()))
     low, high = np.array([one.low_m for one in anchors]), np.array([one.high_m for one in anchors])
     is_centred = np.array([[one.is_centred] for one in anchors])
     step = (high - low) / np.where(is_centred, cells, np.maximum(cells - 1, 1))
@@ -130,23 +114,23 @@ def _add_anchor_boxes(graph: Graph, model: KitModel, head: AnchorHead, rows: _Ro
         graph.add_node("Gather", one.reshape(len(anchors), -1), anchor)
         for one in (low + step / 2 * is_centred, step, z, size, np.hypot(size[:, 0], size[:, 1]), size[:, 2], yaw)
     )
-    numbers = graph.add_node("Gather", rows.boxes, likely)
+    numbers = graph.add_node("Gather", boxes, likely)
     place = graph.add_node("Mul", _column_row(graph, graph.add_node("Div", likely, count), int(cells[0])), step_xy)
     moved = graph.add_node("Mul", _columns(graph, numbers, 0, 1), diagonal)
     xy = graph.add_node("Add", graph.add_node("Add", place, first_xy), moved)
     box_z = graph.add_node("Add", graph.add_node("Mul", _columns(graph, numbers, 2), height), anchor_z)
     sides = graph.add_node("Mul", graph.add_node("Exp", _columns(graph, numbers, 3, 4, 5)), sides)
     heading = graph.add_node("Add", _columns(graph, numbers, 6), anchor_yaw)
-    if rows.turns:
+    if directions:
         part = np.array(2 * math.pi / head.directions)
-        turns = graph.add_node("Gather", rows.turns, likely)
+        turns = graph.add_node("Gather", directions, likely)
         which = graph.add_node("Cast", graph.add_node("ArgMax", turns, axis=1), to=FLOAT)
         since = graph.add_node("Div", graph.add_node("Sub", heading, np.array(head.offset_rad)), part)
         whole = graph.add_node("Floor", graph.add_node("Add", since, np.array(head.limit)))
         heading = graph.add_node("Add", heading, graph.add_node("Mul", graph.add_node("Sub", which, whole), part))
     parts = xy, box_z, sides, graph.add_node("Sin", heading), graph.add_node("Cos", heading)
     graph.add_node("Concat", *parts, axis=1, name=KIT_OUTPUTS[0])
-    graph.add_node("Gather", rows.classes, likely, name=KIT_OUTPUTS[1])
+    graph.add_node("Gather", classes, likely, name=KIT_OUTPUTS[1])
 
 
 def _add_center_boxes(graph: Graph, model: KitModel, head: CenterHead, weights: Weights, image: Image) -> None:
@@ -167,9 +151,7 @@ def _add_center_boxes(graph: Graph, model: KitModel, head: CenterHead, weights: 
             for layer in range(layers - 1):
                 pair = f"{part}.{layer}.{conv}", f"{part}.{layer}.{norm}"
                 made = _convolved(own, weights, made, pair, head.width, head.kernel, 1, head)
-            rows[branch] = _by_row(
-                own, _last(own, weights, f"{part}.{layers - 1}", made, numbers, head.kernel), numbers
-            )
+            rows[branch] = _rows(own, weights, f"{part}.{layers - 1}", made, 1, numbers, head.kernel)
         likely = _likeliest(graph, rows[names.heat], len(classes), int(cells.prod()))
         offset, z, sides, turn, odds = (
             graph.add_node("Gather", rows[branch], likely) for branch in (*names.branches, names.heat)
@@ -255,9 +237,12 @@ def _convolved(
     return Image(graph.add_node("Relu", made), channels)
 
 
-def _last(graph: Graph, weights: Weights, name: str, image: Image, channels: int, kernel: int) -> str:
-    weight = weights.take(f"{name}.weight", channels, image.channels, kernel, kernel)
-    return graph.add_node("Conv", image.name, weight, weights.take(f"{name}.bias", channels), pads=[kernel // 2] * 4)
+def _rows(graph: Graph, weights: Weights, name: str, image: Image, anchors: int, numbers: int, kernel: int) -> str:
+    """A last convolution, as rows of numbers for all cells along y; the anchors of a cell follow each other."""
+    weight = weights.take(f"{name}.weight", anchors * numbers, image.channels, kernel, kernel)
+    bias, pads = weights.take(f"{name}.bias", anchors * numbers), [kernel // 2] * 4
+    last = graph.add_node("Transpose", graph.add_node("Conv", image.name, weight, bias, pads=pads), perm=[0, 2, 3, 1])
+    return graph.add_node("Reshape", last, np.array([-1, numbers]))
 
 
 def _columns(graph: Graph, rows: str, *wanted: int) -> str:

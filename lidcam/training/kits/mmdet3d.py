@@ -32,11 +32,9 @@ def mmdet3d_model(config: dict[str, Any], given: kit.Data) -> kit.KitModel:
     limits = voxels["point_cloud_range"]
     kit.check(encoder.get("point_cloud_range"), limits, "voxel_encoder.point_cloud_range")
     made = _anchors(head) if head["type"] == "Anchor3DHead" else _centers(head, limits)
-    names = (
-        [name for task in made.tasks for name in task] if isinstance(made, kit.CenterHead) else config["class_names"]
-    )
     features, most, data_set = _features(encoder), voxels["max_num_points"], config.get("dataset_type")
-    specs = kit.specs_of(names, limits, voxels["voxel_size"], features, most, data_set, given)
+    names = config["class_names"] if head["type"] == "Anchor3DHead" else ()
+    specs = kit.specs_of(names, made, limits, voxels["voxel_size"], features, most, data_set, given)
     kit.check(list(own["middle_encoder"]["output_shape"]), [*specs.grid.cells[::-1]], "middle_encoder.output_shape")
     return kit.KitModel(
         names=kit.Names(

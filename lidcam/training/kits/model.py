@@ -11,8 +11,7 @@ from lidcam.pipeline.detectors.pillars.network import FoundClass
 OFFSETS: list[Feature] = ["dx_mean", "dy_mean", "dz_mean", "dx_cell", "dy_cell", "dz_cell"]
 POINT_FEATURES: list[Feature] = ["x", "y", "z", "intensity"]
 
-SPARSE = "Sparse", "BackBone8x", "UNet"
-"""Texts in the names of parts with sparse convolutions, which onnxruntime lacks."""
+SPARSE = "Sparse", "BackBone8x", "UNet"  # In the names of parts with sparse convolutions, which onnxruntime lacks
 
 
 class Data(NamedTuple):
@@ -148,6 +147,7 @@ def raw_features(names: Iterable[str]) -> list[Feature]:
 
 def specs_of(
     classes: Sequence[str],
+    head: AnchorHead | CenterHead,
     limits: Sequence[float],
     cell: Sequence[float],
     features: list[Feature],
@@ -155,20 +155,15 @@ def specs_of(
     data_set: Any,
     given: Data,
 ) -> KitSpecs:
-    """Metadata for the file of a network.
+    """Metadata for the file of a network. A head with groups of classes says their names itself.
 
-    Args:
-        classes: Names of its classes.
-        limits: Lowest x, y, z and highest x, y, z of its points.
-        cell: Sides of a pillar, and its height.
-        features: Features of its points.
-        max_points: Points in a pillar.
-        data_set: Name of the data set.
-        given: Values that take precedence over those known for the data set.
+    `limits` are the lowest x, y, z and the highest x, y, z of its points, `cell` the sides of a pillar and its height,
+    `max_points` the points in a pillar. Values that are `given` take precedence over those known for the data set.
 
     Raises:
         ModelError: the height of the ground is unknown, or there is more than one layer of cells.
     """
+    classes = [name for task in head.tasks for name in task] if isinstance(head, CenterHead) else classes
     low, high = limits[:3], limits[3:]
     columns, rows, layers = (round((end - start) / side) for start, end, side in zip(low, high, cell, strict=True))
     check(layers, 1, "layers of voxels")

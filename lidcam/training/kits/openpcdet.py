@@ -44,10 +44,9 @@ def openpcdet_model(config: dict[str, Any], given: kit.Data) -> kit.KitModel:
         features.append("distance")
     most = voxels["MAX_POINTS_PER_VOXEL"] if vfe["NAME"] == "PillarVFE" else 0
     made = _anchors(head, limits) if head["NAME"] == "AnchorHeadSingle" else _centers(head, names)
-    found = [name for task in made.tasks for name in task] if isinstance(made, kit.CenterHead) else names
     return kit.KitModel(
         names=NAMES,
-        specs=kit.specs_of(found, limits, voxels["VOXEL_SIZE"], features, most, data.get("DATASET"), given),
+        specs=kit.specs_of(names, made, limits, voxels["VOXEL_SIZE"], features, most, data.get("DATASET"), given),
         encoder=kit.Encoder(channels=vfe["NUM_FILTERS"]),
         backbone=kit.Backbone(
             channels=backbone["NUM_FILTERS"],

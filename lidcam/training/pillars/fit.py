@@ -3,20 +3,19 @@
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, cast
 
 import numpy as np
 import torch
-from pydantic import Field, TypeAdapter
+from pydantic import Field
 from torch import Tensor, nn
 
 from lidcam.pipeline.core.errors import LidcamError
+from lidcam.pipeline.core.settings.model import SettingsModel
 from lidcam.pipeline.core.text import one_line
 from lidcam.pipeline.detectors.pillars.embedded import existing_network_file
-from lidcam.training.labelled import Recordings
 from lidcam.training.pillars.network import PillarNetwork, take_weights
 from lidcam.training.pillars.scenes import CLASSES, GRIDS, SCENES_OF_A_ROUND, Scene, Source, Worlds, rounds
 from lidcam.training.torch_file import torch_file
@@ -27,23 +26,16 @@ BATCH = 4
 DECAY = 1e-2
 WARM_STEPS = 100
 MAX_RATE = 2e-3
-
-MAX_RATE_ONWARD = 5e-4
-"""Maximum learning rate of a training that starts from the weights of another network."""
-
+MAX_RATE_ONWARD = 5e-4  # For a training that starts from the weights of another network
 MAX_GRADIENT = 10.0
-
-MOMENTUM = 0.99
-"""Momentum of the running mean of the loss that is shown."""
-
+MOMENTUM = 0.99  # Of the running mean of the loss that is shown
 CHECKPOINT_EVERY_S = 60.0
 
 StepDone = Callable[[int, float], object]
 """Called after each step with the number of steps done, and the recent mean loss."""
 
 
-@dataclass(frozen=True, slots=True)
-class State:
+class State(SettingsModel):
     """The saved state of a training."""
 
     network: dict[str, Any]
@@ -56,25 +48,15 @@ class State:
     begin: str  # As in `Checkpoint`
 
 
-STATE = TypeAdapter(State)
-
-
 class Checkpoint(NamedTuple):
     """File with the state of a training, and which training it is."""
 
     path: Path  # The file, which is complete at any time
-    worlds: Worlds  # Families of worlds; the saved state may have others with the same grid and classes
+    source: Source  # Source of the scenes; the saved state may have another one with the same grid and classes
     seed: int  # Number of the first world
-    recordings: Recordings | None = None  # Labelled recordings to learn from; the saved state may have others
-    has_worlds: bool = True  # Whether to learn from worlds as well
     # Network of `lidcam train pillars` to start from: a name of `EMBEDDED` or a path; empty: random weights
     begin: str = ""
     bfloat16: bool = False  # Whether the network computes in bfloat16, which halves the time on processors that have it
-
-    @property
-    def source(self) -> Source:
-        """Source of the scenes."""
-        return Source(self.worlds, self.recordings, self.has_worlds)
 
     @property
     def text(self) -> str:
@@ -95,8 +77,7 @@ class Checkpoint(NamedTuple):
             OutputError: it cannot be written.
         """
         state = {"network": network.state_dict(), "optimiser": optimiser.state_dict(), "step": step, "loss": loss}
-        state["history"] = [*history]
-        state |= {"family": self.worlds, "seed": self.seed, "begin": self.begin}
+        state |= {"history": [*history], "family": self.source.worlds, "seed": self.seed, "begin": self.begin}
         with (
             OutputTransaction([self.path]) as outputs,
             output_errors(self.path),
@@ -110,13 +91,13 @@ class Checkpoint(NamedTuple):
         Raises:
             LidcamError: the file cannot be read, or belongs to another training.
         """
-        expected = f"{self.path}: expected the state of a training of --family {self.worlds} --seed {self.seed}"
+        expected = f"{self.path}: expected the state of a training of --family {self.source.worlds} --seed {self.seed}"
         try:
             with torch_file(self.path) as file:
-                state = STATE.validate_python(torch.load(file, map_location="cpu", weights_only=True))
+                state = State.model_validate(torch.load(file, map_location="cpu", weights_only=True))
             known = state.family
             facts = GRIDS[known], CLASSES[known], state.seed
-            is_same = facts == (GRIDS[self.worlds], CLASSES[self.worlds], self.seed)
+            is_same = facts == (GRIDS[self.source.worlds], CLASSES[self.source.worlds], self.seed)
             for one, saved in zip(into if is_same else (), (state.network, state.optimiser), strict=False):
                 one.load_state_dict(saved)
         except Exception as err:  # errors of pickled files share no base class
@@ -144,7 +125,7 @@ def fitted(
         LidcamError: the checkpoint cannot be used.
         OutputError: it cannot be written.
     """
-    seed, classes = checkpoint.seed, CLASSES[checkpoint.worlds]
+    seed, classes = checkpoint.seed, CLASSES[checkpoint.source.worlds]
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     with torch.random.fork_rng():
         torch.manual_seed(seed)
@@ -159,7 +140,7 @@ def fitted(
         if step > steps:
             raise LidcamError(f"{checkpoint.path}: is already at step {step}; pass --steps {step} or more")
     elif checkpoint.begin:
-        take_weights(network, existing_network_file(Path(checkpoint.begin)), classes, GRIDS[checkpoint.worlds])
+        take_weights(network, existing_network_file(Path(checkpoint.begin)), classes, GRIDS[checkpoint.source.worlds])
         history.append((0, f"with the weights of `{Path(checkpoint.begin).name}`"))
     if not history or history[-1][1] != checkpoint.text:
         history.append((step, checkpoint.text))
@@ -170,8 +151,7 @@ def fitted(
         for batch in batches:
             # A short rise, then a fall along a cosine.
             share = min((step + 1) / WARM_STEPS, 1.0) * (0.5 + 0.5 * float(np.cos(np.pi * step / steps)))
-            for group in optimiser.param_groups:
-                group["lr"] = max_rate * share
+            optimiser.param_groups[0]["lr"] = max_rate * share
             optimiser.zero_grad()
             loss = _loss(network, batch, checkpoint.bfloat16, device)
             loss.backward()

@@ -24,11 +24,8 @@ from lidcam.pipeline.detectors.pillars.network import PillarNetwork as WrittenNe
 from lidcam.training.onnx_graph import FLOAT, INT64, Graph
 
 WIDTH = 32
-BLOCKS = (32, 2), (64, 3), (96, 3)
-"""Channels and convolutions of each block; the first of each halves the resolution."""
-
-LIKELY = 0.01
-"""Probability of an object in each cell before anything is learned."""
+BLOCKS = (32, 2), (64, 3), (96, 3)  # Channels and convolutions; the first of each block halves the resolution
+LIKELY = 0.01  # Probability of an object in each cell before anything is learned
 
 
 class PillarNetwork(nn.Module):  # type: ignore[misc]  # mypy skips torch
@@ -46,14 +43,9 @@ class PillarNetwork(nn.Module):  # type: ignore[misc]  # mypy skips torch
             self.ups.append(nn.Sequential(up, nn.BatchNorm2d(WIDTH)))
             before, scale = channels, 2 * scale
         self.head = nn.Sequential(*_convolved(WIDTH, WIDTH, 1))
-        self.last = nn.Conv2d(WIDTH, classes + BOX_NUMBERS, 1)
-        nn.init.zeros_(self.last_bias)
-        nn.init.constant_(self.last_bias[:classes], math.log(LIKELY / (1 - LIKELY)))
-
-    @property
-    def last_bias(self) -> Tensor:
-        """(classes + `BOX_NUMBERS`,) bias of the numbers of each cell."""
-        return cast(Tensor, self.last.bias)
+        self.last: Any = nn.Conv2d(WIDTH, classes + BOX_NUMBERS, 1)  # its bias is no `None`
+        nn.init.zeros_(self.last.bias)
+        nn.init.constant_(self.last.bias[:classes], math.log(LIKELY / (1 - LIKELY)))
 
     def forward(self, features: Tensor, pillar: Tensor, frames: int, cells: int, *, bfloat16: bool = False) -> Tensor:
         """(B, classes + `BOX_NUMBERS`, H, W) numbers; the first are the log odds that an object of each class is there.
@@ -100,7 +92,8 @@ def onnx_bytes(network: PillarNetwork, specs: PillarSpecs, learned: Grid) -> byt
     parts: Any = network  # torch has no types for what is in its modules
     linear, norm, _ = parts.encoder
     weight = _arrays(linear)[0].T * _distance_factors(specs.grid, learned)
-    encoded = graph.add_node("Relu", _normalised(graph, graph.add_node("MatMul", "features", weight), norm))
+    encoded = graph.add_node("BatchNormalization", graph.add_node("MatMul", "features", weight), *_arrays(norm))
+    encoded = graph.add_node("Relu", encoded)
     empty = graph.add_node("ConstantOfShape", np.array([cells * cells, WIDTH]))
     canvas = graph.add_node("ScatterND", empty, "pillar", encoded, reduction="max")
     rows = graph.add_node("Transpose", canvas, perm=[1, 0])
@@ -110,7 +103,7 @@ def onnx_bytes(network: PillarNetwork, specs: PillarSpecs, learned: Grid) -> byt
         image = _convolutions(graph, image, block)
         sides = [*layer.stride]
         raised = graph.add_node("ConvTranspose", image, *_arrays(layer), strides=sides, kernel_shape=sides)
-        raised = _normalised(graph, raised, norm)
+        raised = graph.add_node("BatchNormalization", raised, *_arrays(norm))
         total = graph.add_node("Add", total, raised) if total else raised
     image = _convolutions(graph, graph.add_node("Relu", total), network.head)
     graph.add_node("Conv", image, *_arrays(network.last), name="numbers")
@@ -120,8 +113,10 @@ def onnx_bytes(network: PillarNetwork, specs: PillarSpecs, learned: Grid) -> byt
     return graph.file(inputs, outputs, {KEY: specs.model_dump_json()})
 
 
-def take_weights(network: PillarNetwork, file: Path, classes: Sequence[str], learned: Grid) -> None:
+def take_weights(network: PillarNetwork, file: Path, classes: Sequence[str], learned: Grid, share: float = 1.0) -> None:
     """Load the weights of a file from `onnx_bytes` into a network for some classes, which learns in a grid.
+
+    With a share below 1, the weights become a mean of both, in which those of the file have this share.
 
     Raises:
         ModelError: the file cannot be read, or holds another kind of network.
@@ -141,7 +136,7 @@ def take_weights(network: PillarNetwork, file: Path, classes: Sequence[str], lea
     numbers[0] = (numbers[0] / _distance_factors(specs.grid, learned)).T
     with torch.no_grad():
         for place, values in zip(places, numbers, strict=True):
-            place.copy_(torch.from_numpy(values.copy()))
+            place.lerp_(torch.from_numpy(values.copy()).to(place.device), share)
 
 
 def _convolutions(graph: Graph, image: str, layers: Iterable[Any]) -> str:
@@ -150,12 +145,8 @@ def _convolutions(graph: Graph, image: str, layers: Iterable[Any]) -> str:
     for layer, norm in zip(parts[::3], parts[1::3], strict=True):
         pads = [*layer.padding] * 2
         image = graph.add_node("Conv", image, *_arrays(layer), strides=[*layer.stride], pads=pads)
-        image = graph.add_node("Relu", _normalised(graph, image, norm))
+        image = graph.add_node("Relu", graph.add_node("BatchNormalization", image, *_arrays(norm)))
     return image
-
-
-def _normalised(graph: Graph, values: str, norm: Any) -> str:
-    return graph.add_node("BatchNormalization", values, *_arrays(norm))
 
 
 def _arrays(layer: Any) -> list[Array]:

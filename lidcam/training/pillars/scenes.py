@@ -10,7 +10,6 @@ from lidcam.bags.simulator.worlds.draw import Family, random_numbers_of
 from lidcam.bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, sweep
 from lidcam.pipeline.core.arrays import F32, F64, I64
 from lidcam.pipeline.core.frame import SensorBundle
-from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.detectors.pillars.decoding import box_numbers, output_cells
 from lidcam.pipeline.detectors.pillars.detector import PillarPoints
@@ -25,6 +24,8 @@ Worlds = Literal["road", "crossing", "sandbox", "all"]
 
 FULL_SIZE: tuple[Worlds, ...] = ("road", "crossing", "all")
 
+_config = cache(load_config)
+
 GRIDS: dict[Worlds, Grid] = {
     **dict.fromkeys(FULL_SIZE, Grid(cell_m=0.32, cells=256, low_m=0.2, high_m=4.0)),
     "sandbox": Grid(cell_m=0.04, cells=192, low_m=0.02, high_m=0.5),
@@ -36,30 +37,16 @@ WRITTEN_GRIDS = GRIDS | {"sandbox": GRIDS["sandbox"].model_copy(update={"cells":
 
 CLASSES: dict[Worlds, tuple[str, ...]] = {**dict.fromkeys(FULL_SIZE, NAMES), "sandbox": NAMES[:1]}
 
-WORLDS_OF_A_ROUND = 4
-
-SWEEPS_OF_A_WORLD = 8
-"""Sweeps of each world: building one takes as long as making ten sweeps."""
-
+WORLDS_OF_A_ROUND, SWEEPS_OF_A_WORLD = 4, 8  # Building a world takes as long as making ten sweeps
 SCENES_OF_A_ROUND = WORLDS_OF_A_ROUND * SWEEPS_OF_A_WORLD
 
-MIN_POINTS = 5
-"""Minimum points on an object that has to be found; one with fewer may be found."""
+MIN_POINTS = 5  # Points on an object that has to be found; one with fewer may be found
 
-SIGMA_OF_WIDTH = 0.35
-"""Standard deviation of the bell around a centre, as a share of the object's width."""
-
-MIN_SIGMA_CELLS = 0.8
-"""Minimum standard deviation of the bell, output cells."""
-
-UNSURE = 0.9
-"""Height of the bell for an object that need not be found: it is learned neither as there nor as not there."""
-
-MIN_BOX_HEAT = 0.4
-"""Minimum height of the bell in cells that also learn the box."""
-
-UNLABELLED = 0.999
-"""Height where the truth says nothing; so near to 1 that the network learns nothing there."""
+# The bell around a centre: its standard deviation as a share of the object's width, and at least in output cells
+SIGMA_OF_WIDTH, MIN_SIGMA_CELLS = 0.35, 0.8
+UNSURE = 0.9  # Its height for an object that need not be found: learned neither as there nor as not there
+MIN_BOX_HEAT = 0.4  # Its minimum height in cells that also learn the box
+UNLABELLED = 0.999  # Height where the truth says nothing; so near to 1 that the network learns nothing there
 
 
 class Source(NamedTuple):
@@ -76,10 +63,6 @@ class Source(NamedTuple):
             return f"{WORLDS} (`{self.worlds}`)"
         share = f"as many sweeps of {WORLDS} (`{self.worlds}`) and\n  " if self.has_worlds else ""
         return f"{share}frames of {self.recordings.text}"
-
-    def is_recorded(self, number: int) -> bool:
-        """Whether the scenes with this number come from recordings, not from the world with this number."""
-        return self.recordings is not None and (not self.has_worlds or number % 2 == 1)
 
 
 def family_of(worlds: Worlds, number: int) -> Family:
@@ -133,7 +116,7 @@ def _mixed(source: Source, seed: int, row: int, parts: Iterable[list[Scene]]) ->
 def _scenes(source: Source, number: int) -> list[Scene]:
     """Sweeps of a world, or frames of recordings; turned, mirrored and stretched."""
     family, grid, found = family_of(source.worlds, number), GRIDS[source.worlds], []
-    if source.recordings is not None and source.is_recorded(number):
+    if source.recordings is not None and (not source.has_worlds or number % 2 == 1):
         draw = random_numbers_of(family, number, 3)
         frames = (source.recordings.drawn(draw) for _ in range(SWEEPS_OF_A_WORLD))
         return [Scene(*pillars(frame.position, grid), targets_of_frame(source.worlds, frame)) for frame in frames]
@@ -147,7 +130,7 @@ def _scenes(source: Source, number: int) -> list[Scene]:
 def scene(family: Family, seed: int) -> tuple[F64, TrueBoxes]:
     """The points (N, 3) of a sweep as `PillarPoints` gives them, and the true objects."""
     taken = sweep(family, seed)
-    config, rig = _config(family), rig_of([taken])
+    config, rig = _config(family), rig_of([taken.origin])
     combined = Combine(rig, config.combine)(SensorBundle(0, 0, 0, {}), {"0": cloud_of(taken, "0")})
     points = PillarPoints(rig, config)
     names = ["truck" if name == "van" else name for name in taken.class_names]
@@ -157,11 +140,6 @@ def scene(family: Family, seed: int) -> tuple[F64, TrueBoxes]:
     classes = np.array([CLASSES[family].index(names[row]) for row in seen], np.int64)
     counts = taken.point_counts[seen].astype(np.int64)
     return points(combined), TrueBoxes(centers, taken.sizes[seen], taken.yaws[seen], classes, counts)
-
-
-@cache
-def _config(family: Family) -> Config:
-    return load_config(family)
 
 
 def known_to(worlds: Worlds, frame: LabelledFrame) -> TrueBoxes:
@@ -183,8 +161,8 @@ def targets_of(true: TrueBoxes, grid: Grid, classes: int) -> Targets:
     """The output that a network should give for these boxes."""
     side = grid.cells // STRIDE
     at = output_cells(true.centers, grid)
-    inside = ((at >= 0) & (at < side)).all(1)
-    true, at = TrueBoxes._make(part[inside] for part in true), at[inside]
+    inside = np.flatnonzero(((at >= 0) & (at < side)).all(1))
+    true, at = true.select(inside), at[inside]
     sure = true.points >= MIN_POINTS
     sigma = np.maximum(SIGMA_OF_WIDTH * true.sizes[:, 1] / (STRIDE * grid.cell_m), MIN_SIGMA_CELLS)[:, None]
     along = np.arange(side)

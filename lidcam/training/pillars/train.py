@@ -21,26 +21,21 @@ from lidcam.pipeline.detectors.pillars.decoding import Found
 from lidcam.pipeline.detectors.pillars.embedded import existing_network_file
 from lidcam.pipeline.detectors.pillars.network import FoundClass, PillarNetwork, PillarSpecs
 from lidcam.training.card import average_precision, calibration_error
-from lidcam.training.labelled import WORLDS, LabelledFrame, TrueBoxes, loaded
+from lidcam.training.labelled import FIRST_HELD_OUT, RECORDINGS, WORLDS, LabelledFrame, Progress, TrueBoxes, loaded
 from lidcam.training.pillars.fit import BATCH, Checkpoint, fitted
-from lidcam.training.pillars.network import PillarNetwork as TrainedNetwork
 from lidcam.training.pillars.network import onnx_bytes, take_weights
 from lidcam.training.pillars.scenes import CLASSES, GRIDS, MIN_POINTS, WRITTEN_GRIDS, Worlds, family_of, known_to, scene
 
 SWEEPS_OF_A_WORLD = 4
+MAX_HELD_OUT = 80
 MIN_LOG_ODDS = -4.0
-
-RECORDINGS = "recordings"
-"""Name of labelled recordings in cards, as `WORLDS` is of drawn worlds."""
+FITTING_SHARE = 0.98  # Share of the time that the steps take
+PRIOR = 1e-3  # Weight of the calibration that changes nothing: a class with few examples stays near it
 
 GATES_M = {"car": 2.0, "pedestrian": 0.6, "cyclist": 0.9, "truck": 2.5, "bus": 2.5}
 """Maximum distance of a right box from its object, which has its class and belongs to no other box."""
 
-SANDBOX_GATE_M = 0.15
-"""Maximum distance of a right box from its object for model cars."""
-
-PRIOR = 1e-3
-"""Weight of the calibration that changes nothing: a class with few examples stays near it."""
+SANDBOX_GATE_M = 0.15  # For model cars
 
 
 class Trained(NamedTuple):
@@ -85,8 +80,7 @@ def _judged_sweep(worlds: Worlds, found: Found, true: TrueBoxes) -> Judged:
     kept = without_overlaps(BoxArrays(found.centers, found.sizes, found.yaws))
     found = Found._make(one[kept] for one in found)
     half_m, names = WRITTEN_GRIDS[worlds].half_m, CLASSES[worlds]
-    inside = (np.abs(true.centers[:, :2]) < half_m).all(1)
-    true = TrueBoxes._make(one[inside] for one in true)
+    true = true.select(np.flatnonzero((np.abs(true.centers[:, :2]) < half_m).all(1)))
     gates_m = np.array([SANDBOX_GATE_M if worlds == "sandbox" else GATES_M[name] for name in names])
     away_m = np.linalg.norm(found.centers[:, None, :2] - true.centers[:, :2], axis=2)
     away_m[(found.classes[:, None] != true.classes) | (away_m > gates_m[true.classes])] = np.inf
@@ -107,9 +101,11 @@ def _judged_sweep(worlds: Worlds, found: Found, true: TrueBoxes) -> Judged:
 
 def precision_of(found: Judged) -> float:
     """Average precision over the boxes of all classes together; 0 without objects."""
-    objects = int(found.objects.sum())
-    share = found.is_right.sum() / max(objects, 1)
-    return float(share * average_precision(found.log_odds, found.is_right)) if share else 0.0
+    return _precision(found.log_odds, found.is_right, int(found.objects.sum()))
+
+
+def _precision(score: F64, is_right: Bools, objects: int) -> float:
+    return average_precision(score, is_right) * float(is_right.sum()) / max(objects, 1) if is_right.any() else 0.0
 
 
 def calibration(found: Judged) -> F64:
@@ -132,14 +128,11 @@ def with_errors(classes: Sequence[str], found: Judged) -> tuple[FoundClass, ...]
     """Classes with the standard deviations of right boxes; swapped front and rear is no error of heading."""
     made = []
     for row, name in enumerate(classes):
-        errors = found.errors[(found.classes == row) & found.is_right]
-        if len(errors) < 2:
-            made.append(FoundClass(name=name))
-            continue
-        sigma_m = float(np.sqrt((errors[:, :2] ** 2).mean()))
-        sigma_rad = float(np.sqrt((_not_turned(errors[:, 2]) ** 2).mean()))
-        sigmas = {"sigma_m": sigma_m, "sigma_rad": sigma_rad}
-        made.append(FoundClass(name=name, **{key: max(round(sigma, 4), 1e-4) for key, sigma in sigmas.items()}))
+        errors, sigmas = found.errors[(found.classes == row) & found.is_right], {}
+        if len(errors) > 1:
+            sigmas = {"sigma_m": errors[:, :2], "sigma_rad": _not_turned(errors[:, 2])}
+        rms = {key: max(round(float(np.sqrt((one**2).mean())), 4), 1e-4) for key, one in sigmas.items()}
+        made.append(FoundClass(name=name, **rms))
     return tuple(made)
 
 
@@ -157,11 +150,10 @@ def figures(classes: Sequence[str], found: Judged) -> str:
         rows = found.classes == row
         score, is_right = sigmoid(found.log_odds[rows]), found.is_right[rows]
         taken, objects = score >= 0.5, int(found.objects[row])
-        found_share = is_right.sum() / max(objects, 1)
-        precision = average_precision(score, is_right) * found_share if found_share else 0.0
         errors = found.errors[rows][taken & is_right]
-        cells = [f"{objects}", f"{(taken & is_right).sum()}", f"{(taken & ~is_right).sum()}", f"{precision:.3f}"]
-        cells.append(f"{calibration_error(score, is_right, np.ones(len(score))):.3f}")
+        cells = [f"{objects}", f"{(taken & is_right).sum()}", f"{(taken & ~is_right).sum()}"]
+        ece = calibration_error(score, is_right, np.ones(len(score)))
+        cells += [f"{_precision(score, is_right, objects):.3f}", f"{ece:.3f}"]
         if len(errors):
             cells.append(f"{np.median(np.hypot(errors[:, 0], errors[:, 1])):.3f} m")
             cells.append(f"{np.rad2deg(np.median(np.abs(_not_turned(errors[:, 2])))):.1f} deg")
@@ -170,18 +162,6 @@ def figures(classes: Sequence[str], found: Judged) -> str:
             cells += ["--"] * 3
         lines.append(f"| {name} | {' | '.join(cells)} |")
     return "\n".join(lines)
-
-
-FIRST_HELD_OUT = 1_000_000
-"""Number of the first world (plus the seed) that is not trained on: some calibrate the network, others judge it."""
-
-MAX_HELD_OUT = 80
-
-FITTING_SHARE = 0.98
-"""Share of the time that the steps take."""
-
-Progress = Callable[[float, str], object]
-"""Called with the share that is done, and a text to show with it."""
 
 
 def train_pillars(
@@ -201,7 +181,7 @@ def train_pillars(
             keeps what the start knew of other places (Wortsman et al., "Robust fine-tuning of zero-shot models", 2022).
         begun: Called before the first step with what the network that it starts from finds in the data kept apart.
     """
-    worlds, seed, recordings = checkpoint.worlds, checkpoint.seed, checkpoint.recordings
+    (worlds, recordings, has_worlds), seed = checkpoint.source, checkpoint.seed
 
     def step_done(step: int, loss: float) -> None:
         progress(FITTING_SHARE * step / steps, f"step {step} of {steps}, loss {loss:.3f}")
@@ -211,7 +191,7 @@ def train_pillars(
     def judge_held_out(part: int, network: Path = out) -> dict[str, Judged]:
         """Boxes in the data kept apart, by source; part 0 calibrates, part 1 judges."""
         written, found = PillarNetwork(network), {}
-        if checkpoint.has_worlds:
+        if has_worlds:
             first, parts = FIRST_HELD_OUT + seed + part * half, []
             for row, number in enumerate(range(first, first + half), part * half + 1):
                 parts.append(judged_world(written, worlds, number))
@@ -229,13 +209,11 @@ def train_pillars(
     begun(before)
     network = fitted(checkpoint, steps, workers=workers, step_done=step_done)
     if begin and kept_share:
-        start = TrainedNetwork(len(CLASSES[worlds]))
-        take_weights(start, begin, CLASSES[worlds], GRIDS[worlds])
-        mix_weights(network, start, kept_share)
+        take_weights(network, begin, CLASSES[worlds], GRIDS[worlds], kept_share)
     specs = PillarSpecs(classes=tuple(FoundClass(name=name) for name in CLASSES[worlds]), grid=WRITTEN_GRIDS[worlds])
     out.write_bytes(onnx_bytes(network, specs, GRIDS[worlds]))
     parts = judge_held_out(0)
-    if recordings is not None and checkpoint.has_worlds:  # give them as much weight as the worlds
+    if recordings is not None and has_worlds:  # give them as much weight as the worlds
         sweeps = half * SWEEPS_OF_A_WORLD
         parts[RECORDINGS] = joined([parts[RECORDINGS]] * max(sweeps // len(recordings.calibrate), 1))
     found = joined([*parts.values()])
@@ -243,33 +221,25 @@ def train_pillars(
     kinds = slice(len(factor))
     with torch.no_grad():
         network.last.weight[kinds] *= factor[:, None, None, None]
-        network.last_bias[kinds] = network.last_bias[kinds] * factor + offset
+        network.last.bias[kinds] = network.last.bias[kinds] * factor + offset
     specs = specs.model_copy(update={"classes": with_errors(CLASSES[worlds], found)})
     out.write_bytes(onnx_bytes(network, specs, GRIDS[worlds]))
     after = judge_held_out(1)
     return Trained(_card(checkpoint, steps, half, before, after), before, after)
 
 
-def mix_weights(network: TrainedNetwork, other: TrainedNetwork, other_share: float) -> None:
-    """Replace the weights of a network by a mean of its own and those of another one."""
-    with torch.no_grad():
-        for own, theirs in zip(network.state_dict().values(), other.state_dict().values(), strict=True):
-            if own.is_floating_point():  # the number of batches is not
-                own.lerp_(theirs.to(own.device), other_share)
-
-
 def _card(
     checkpoint: Checkpoint, steps: int, half: int, before: Mapping[str, Judged], after: Mapping[str, Judged]
 ) -> str:
-    family = f" --family {checkpoint.worlds}" if checkpoint.has_worlds else ""
-    recordings = " --recordings RECORDING \\\n     " if checkpoint.recordings else ""
+    family = f" --family {checkpoint.source.worlds}" if checkpoint.source.has_worlds else ""
+    recordings = " --recordings RECORDING \\\n     " if checkpoint.source.recordings else ""
     how = " --bfloat16 \\\n     " if checkpoint.bfloat16 else ""
     sources = "\n".join(f"- from step {step} on {text}" for step, text in checkpoint.load().history)
-    classes = CLASSES[checkpoint.worlds]
+    classes = CLASSES[checkpoint.source.worlds]
     table = "\n\n".join(f"In {name}:\n\n{figures(classes, found)}" for name, found in after.items())
     first = Path(checkpoint.begin).name
     table += "".join(f"\n\n`{first}` in {name}:\n\n{figures(classes, found)}" for name, found in before.items())
-    apart = [f"{2 * half} other worlds"] * checkpoint.has_worlds + ["the frames kept apart"] * bool(recordings)
+    apart = [f"{2 * half} other worlds"] * checkpoint.source.has_worlds + ["the frames kept apart"] * bool(recordings)
     return f"""# A 3D network in pillars
 
     lidcam train pillars{family}{recordings}{how} --steps {steps} --seed {checkpoint.seed} --out FILE.onnx

@@ -15,7 +15,7 @@ from lidcam.pipeline.detectors.cluster.features import FEATURES
 from lidcam.training import clusters
 from lidcam.training.card import figures, log_loss
 from lidcam.training.clusters import calibrated, fitted
-from lidcam.training.examples import Examples, examples_of_worlds, kinds_of_boxes
+from lidcam.training.examples import Examples, examples_of, kinds_of_boxes
 
 
 def examples(count: int, seed: int = 0) -> Examples:
@@ -30,7 +30,7 @@ def examples(count: int, seed: int = 0) -> Examples:
 @pytest.mark.slow
 def test_several_lidars_on_masts_see_all_kinds_in_two_worlds() -> None:
     """Takes two seconds: worlds are built and cast."""
-    worlds = list(examples_of_worlds("crossing", range(2), workers=1))
+    worlds = list(examples_of("crossing", range(2), workers=1))
     kinds = np.bincount(np.concatenate([world.kinds for world in worlds]), minlength=5)
     assert kinds[0] > kinds[1:].max()
     assert (kinds > 0).all()

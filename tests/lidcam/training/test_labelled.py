@@ -11,8 +11,9 @@ pytest.importorskip("torch", reason="needs the extra train")
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.detectors.cluster.network import ClusterNetwork
 from lidcam.training import clusters
-from lidcam.training.clusters import Trained, train_clusters
+from lidcam.training.clusters import train_clusters
 from lidcam.training.examples import examples_of_frame
 from lidcam.training.labelled import LabelledFrame, Objects, Recordings, TrueBoxes, points_in_boxes, saved
 from lidcam.training.pillars.scenes import UNLABELLED, known_to, targets_of_frame
@@ -71,7 +72,7 @@ def test_clusters_of_frames_alone_are_learned(tmp_path: Path, monkeypatch: pytes
     recordings = Recordings((path,), (path,), (path,), none, ("a.mcap, SHA-256\n  abc",))
     shares: list[float] = []
 
-    def trained() -> Trained:
+    def trained() -> tuple[ClusterNetwork, str]:
         return train_clusters(
             None, 3, 0, workers=1, progress=lambda share, _: shares.append(share), recordings=recordings
         )
@@ -80,7 +81,7 @@ def test_clusters_of_frames_alone_are_learned(tmp_path: Path, monkeypatch: pytes
     assert "lidcam train clusters --recordings RECORDING \\\n      --worlds 3 --seed 0 --out FILE.npz" in card
     assert "from 24 boxes of clusters in:\n\n- recordings\n  a.mcap, SHA-256\n  abc\n  (1 frames" in card
     assert "drawn worlds" not in card
-    assert network.to_bytes() == trained().network.to_bytes()
+    assert network.to_bytes() == trained()[0].to_bytes()
     assert shares == [*sorted(shares[: len(shares) // 2])] * 2
 
 

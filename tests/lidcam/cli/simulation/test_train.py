@@ -109,8 +109,8 @@ def test_only_a_better_network_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: Judged, error: str | None
 ) -> None:
     def trained(checkpoint: Checkpoint, out: Path, steps: int, **_: object) -> Trained:
-        assert (checkpoint.worlds, Path(checkpoint.begin).name, steps) == ("sandbox", "sandbox.onnx", 9)
-        assert checkpoint.has_worlds
+        assert (checkpoint.source.worlds, Path(checkpoint.begin).name, steps) == ("sandbox", "sandbox.onnx", 9)
+        assert checkpoint.source.has_worlds
         out.write_bytes(b"network")
         before = found(True, False, True)
         return Trained("# Card\n", *({"recordings": one, WORLDS: found(True)} for one in (before, after)))

@@ -81,10 +81,10 @@ def test_the_file_finds_what_the_network_finds(tmp_path: Path, name: str) -> Non
     if name.startswith("m"):
         held = {"state_dict": {f"module.{key}": one for key, one in net.state.items()}, "meta": {"epoch": 1}}
     torch.save(held, tmp_path / "net.pth", _use_new_zipfile_serialization=not name.startswith("O"))
-    file = converted(tmp_path / "net.pth", config, Data(0.0, 1.0))
-    assert file.content == converted(tmp_path / "net.pth", config, Data(0.0, 1.0)).content
+    content, _ = converted(tmp_path / "net.pth", config, Data(0.0, 1.0))
+    assert content == converted(tmp_path / "net.pth", config, Data(0.0, 1.0))[0]
     assert not list(tmp_path.glob("ran"))
-    found = load(file.content, tmp_path / "net.onnx")(made[:, :3], made[:, 3].astype(np.float32), -1e9)
+    found = load(content, tmp_path / "net.onnx")(made[:, :3], made[:, 3].astype(np.float32), -1e9)
     boxes, odds = net.boxes(made)
     order = np.argsort(-odds.max(1), kind="stable")
     assert len(found.yaws) == len(boxes)
@@ -158,7 +158,7 @@ def test_configurations_with_a_base(tmp_path: Path) -> None:
     (tmp_path / "cfgs" / "data.yaml").write_text(yaml.safe_dump(base), encoding="utf-8")
     own = {"_BASE_CONFIG_": "cfgs/data.yaml", "POINT_CLOUD_RANGE": RANGE}
     config = written(tmp_path / "cfgs" / "models", OPENPCDET | {"DATA_CONFIG": own}, "yaml")
-    specs = converted(saved(tmp_path, KitNet("OpenPCDet, anchors")), config, NOTHING).specs
+    _, specs = converted(saved(tmp_path, KitNet("OpenPCDet, anchors")), config, NOTHING)
     assert (specs.grid.low_m, specs.grid.cells, specs.ground_z_m, specs.intensity_max) == (
         (0, -4, -3),
         (16, 16),
@@ -187,7 +187,7 @@ def test_nothing_in_a_checkpoint_is_run(tmp_path: Path) -> None:
     log.values = np.arange(3.0)  # type: ignore[attr-defined]  # as objects have
     bombs = [Bomb(open, str(tmp_path / "ran"), "w"), Bomb(getattr, log, "values"), log]
     torch.save({"state_dict": net.state, "meta": meta, "message_hub": bombs}, tmp_path / "net.pth")
-    assert converted(tmp_path / "net.pth", None, NOTHING).specs.features[:2] == ("dx_cell", "dy_cell")
+    assert converted(tmp_path / "net.pth", None, NOTHING)[1].features[:2] == ("dx_cell", "dy_cell")
     assert not (tmp_path / "ran").exists()
 
 

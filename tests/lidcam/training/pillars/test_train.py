@@ -35,7 +35,7 @@ from lidcam.training.pillars.scenes import (
     family_of,
     targets_of,
 )
-from lidcam.training.pillars.train import Judged, calibration, figures, mix_weights
+from lidcam.training.pillars.train import Judged, calibration, figures
 
 SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 
@@ -91,8 +91,8 @@ def test_a_training_that_was_killed_goes_on_to_the_same_weights(
 ) -> None:
     """Killed before the first checkpoint, within a round of worlds and at its end."""
     monkeypatch.setattr(fit, "rounds", made_rounds)
-    at_once = fitted(Checkpoint(tmp_path / "a", "sandbox", 3), 20, workers=1, step_done=kill_at(0))
-    checkpoint = Checkpoint(tmp_path / "b", "sandbox", 3)
+    at_once = fitted(Checkpoint(tmp_path / "a", Source("sandbox"), 3), 20, workers=1, step_done=kill_at(0))
+    checkpoint = Checkpoint(tmp_path / "b", Source("sandbox"), 3)
     for step, every_s in ((2, 1e9), (5, 0), (8, 0)):
         with pytest.raises(KilledError):
             fitted(checkpoint, 20, workers=1, step_done=kill_at(step), every_s=every_s)
@@ -105,8 +105,8 @@ def test_a_training_that_was_killed_goes_on_to_the_same_weights(
 def test_a_training_goes_on_with_recordings_and_other_worlds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fit, "rounds", made_rounds)
     recordings = Recordings((tmp_path,), (tmp_path,), (tmp_path,), tmp_path, ("a.mcap, SHA-256\n  abc",))
-    worlds = Checkpoint(tmp_path / "a", "sandbox", 3)
-    sources = worlds, worlds._replace(recordings=recordings), worlds, worlds._replace(bfloat16=True)
+    worlds = Checkpoint(tmp_path / "a", Source("sandbox"), 3)
+    sources = worlds, worlds._replace(source=Source("sandbox", recordings)), worlds, worlds._replace(bfloat16=True)
     for steps, source in enumerate(sources, 1):
         fitted(source, steps, workers=1, step_done=kill_at(0))
     history = worlds.load().history
@@ -114,14 +114,14 @@ def test_a_training_goes_on_with_recordings_and_other_worlds(tmp_path: Path, mon
     assert history[3][1] == "drawn worlds (`sandbox`), in bfloat16"
     assert "drawn worlds (`sandbox`) and\n  frames of recordings\n  a.mcap" in history[1][1]
 
-    save(Checkpoint(tmp_path / "b", "road", 3), 2)
-    assert Checkpoint(tmp_path / "b", "all", 3).load().step == 2
+    save(Checkpoint(tmp_path / "b", Source("road"), 3), 2)
+    assert Checkpoint(tmp_path / "b", Source("all"), 3).load().step == 2
     families = [family_of("all", number) for number in range(5)]
     assert families == ["road", "road", "crossing", "crossing", "road"]
 
 
 def save(checkpoint: Checkpoint, step: int) -> None:
-    network = torch_network.PillarNetwork(len(CLASSES[checkpoint.worlds]))
+    network = torch_network.PillarNetwork(len(CLASSES[checkpoint.source.worlds]))
     checkpoint.save(network, torch.optim.AdamW(network.parameters()), step, 1.0)
 
 
@@ -144,11 +144,11 @@ def test_a_checkpoint_that_cannot_be_used(
     if isinstance(content, bytes):
         path.write_bytes(content)
     else:
-        save(Checkpoint(path, "sandbox", 0), 7)
+        save(Checkpoint(path, Source("sandbox"), 0), 7)
     if isinstance(content, dict):
         torch.save(torch.load(path, weights_only=True) | content, path)
     with pytest.raises(LidcamError, match=message):
-        fitted(Checkpoint(path, family, 0), steps, workers=1, step_done=kill_at(0))
+        fitted(Checkpoint(path, Source(family), 0), steps, workers=1, step_done=kill_at(0))
 
 
 @pytest.mark.parametrize("cells", [GRIDS["road"].cells, 320])
@@ -190,9 +190,9 @@ def test_a_training_begins_with_an_embedded_network(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(fit, "MAX_RATE_ONWARD", 0.0)
     first = torch_network.PillarNetwork(1)
     take_weights(first, EMBEDDED["sandbox"], CLASSES["sandbox"], GRIDS["sandbox"])
-    checkpoint = Checkpoint(tmp_path / "a", "sandbox", 0, begin="sandbox")
+    checkpoint = Checkpoint(tmp_path / "a", Source("sandbox"), 0, begin="sandbox")
     with pytest.raises(KilledError):
-        fitted(checkpoint, 2, workers=1, step_done=kill_at(1), every_s=0)
+        fitted(checkpoint._replace(begin=""), 2, workers=1, step_done=kill_at(1), every_s=0)
     trained = fitted(checkpoint._replace(begin=""), 2, workers=1, step_done=kill_at(0))
     assert all(torch.equal(one, two) for one, two in zip(first.parameters(), trained.parameters(), strict=True))
     assert checkpoint.load().history[0] == (0, "with the weights of `sandbox`")
@@ -201,9 +201,9 @@ def test_a_training_begins_with_an_embedded_network(tmp_path: Path, monkeypatch:
 @pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
 def test_weights_are_mixed_by_share(share: float) -> None:
     network, other = torch_network.PillarNetwork(1), torch_network.PillarNetwork(1)
-    take_weights(other, EMBEDDED["sandbox"], CLASSES["sandbox"], GRIDS["sandbox"])
     before = {name: values.clone() for name, values in network.state_dict().items()}
-    mix_weights(network, other, share)
+    for one, weight in ((other, 1.0), (network, share)):
+        take_weights(one, EMBEDDED["sandbox"], CLASSES["sandbox"], GRIDS["sandbox"], weight)
     for name, mixed in network.state_dict().items():
         if mixed.is_floating_point():
             torch.testing.assert_close(mixed, (1 - share) * before[name] + share * other.state_dict()[name])
