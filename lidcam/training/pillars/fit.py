@@ -135,7 +135,6 @@ def fitted(
     step, mean_loss, history = 0, float("nan"), []
     if checkpoint.path.exists():
         state = checkpoint.load(network, optimiser)
-        checkpoint = checkpoint._replace(begin=state.begin)
         step, mean_loss, history = state.step, state.loss, state.history
         if step > steps:
             raise LidcamError(f"{checkpoint.path}: is already at step {step}; pass --steps {step} or more")

@@ -181,6 +181,8 @@ def train_pillars(
             keeps what the start knew of other places (Wortsman et al., "Robust fine-tuning of zero-shot models", 2022).
         begun: Called before the first step with what the network that it starts from finds in the data kept apart.
     """
+    if checkpoint.path.exists():
+        checkpoint = checkpoint._replace(begin=checkpoint.load().begin)
     (worlds, recordings, has_worlds), seed = checkpoint.source, checkpoint.seed
 
     def step_done(step: int, loss: float) -> None:

@@ -20,7 +20,7 @@ from lidcam.pipeline.detectors.pillars.embedded import EMBEDDED
 from lidcam.pipeline.detectors.pillars.grid import FEATURES, pillars
 from lidcam.pipeline.detectors.pillars.network import FoundClass, PillarNetwork, PillarSpecs
 from lidcam.training.labelled import Recordings, TrueBoxes
-from lidcam.training.pillars import fit
+from lidcam.training.pillars import fit, train
 from lidcam.training.pillars import network as torch_network
 from lidcam.training.pillars.fit import Checkpoint, fitted
 from lidcam.training.pillars.network import onnx_bytes, take_weights
@@ -35,7 +35,7 @@ from lidcam.training.pillars.scenes import (
     family_of,
     targets_of,
 )
-from lidcam.training.pillars.train import Judged, calibration, figures
+from lidcam.training.pillars.train import Judged, calibration, figures, train_pillars
 
 SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 
@@ -184,7 +184,7 @@ def test_the_file_gives_what_the_network_gives(tmp_path: Path, cells: int) -> No
 
 
 def test_a_training_begins_with_an_embedded_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its state says so, and goes on at the low rate whatever is asked for then."""
+    """Its state says so, and goes on at the low rate."""
     take_weights(torch_network.PillarNetwork(5), EMBEDDED["traffic"], CLASSES["all"], GRIDS["all"])
     monkeypatch.setattr(fit, "rounds", made_rounds)
     monkeypatch.setattr(fit, "MAX_RATE_ONWARD", 0.0)
@@ -192,10 +192,37 @@ def test_a_training_begins_with_an_embedded_network(tmp_path: Path, monkeypatch:
     take_weights(first, EMBEDDED["sandbox"], CLASSES["sandbox"], GRIDS["sandbox"])
     checkpoint = Checkpoint(tmp_path / "a", Source("sandbox"), 0, begin="sandbox")
     with pytest.raises(KilledError):
-        fitted(checkpoint._replace(begin=""), 2, workers=1, step_done=kill_at(1), every_s=0)
-    trained = fitted(checkpoint._replace(begin=""), 2, workers=1, step_done=kill_at(0))
+        fitted(checkpoint, 2, workers=1, step_done=kill_at(1), every_s=0)
+    trained = fitted(checkpoint, 2, workers=1, step_done=kill_at(0))
     assert all(torch.equal(one, two) for one, two in zip(first.parameters(), trained.parameters(), strict=True))
     assert checkpoint.load().history[0] == (0, "with the weights of `sandbox`")
+
+
+@pytest.mark.parametrize(("first", "then"), [("sandbox", ""), ("", "sandbox")])
+def test_a_training_goes_on_from_what_it_began_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, first: str, then: str
+) -> None:
+    """Whatever is asked for then: the network that it began with is judged, and its weights are mixed in."""
+    checkpoint, begun = Checkpoint(tmp_path / "a", Source("sandbox"), 0, begin=first), list[str]()
+
+    def going_on(checkpoint: Checkpoint, *_: object, **__: object) -> None:
+        begun.append(checkpoint.begin)
+        raise KilledError
+
+    save(checkpoint, 7)
+    monkeypatch.setattr(train, "fitted", going_on)
+    monkeypatch.setattr(train, "judged_world", lambda *_: None)
+    monkeypatch.setattr(train, "joined", lambda _: None)
+    with pytest.raises(KilledError):
+        train_pillars(
+            checkpoint._replace(begin=then),
+            tmp_path / "b",
+            9,
+            workers=1,
+            progress=lambda *_: None,
+            begun=lambda before: begun.append(*before or ["nothing"]),
+        )
+    assert begun == (["drawn worlds", "sandbox"] if first else ["nothing", ""])
 
 
 @pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
