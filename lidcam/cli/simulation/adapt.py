@@ -74,6 +74,11 @@ def adapt(
         return Checkpoint(out.with_suffix(".ckpt"), Source(worlds, labelled), seed, begin=str(network))
 
     def begun(before: "Mapping[str, Judged]") -> None:
+        if not before[RECORDINGS].objects.any():
+            raise LidcamError(
+                f"{title}: expected objects of sure tracks in the last tenth of a recording, by which the network is "
+                "judged, found none; give longer recordings, or others"
+            )
         if precision_of(before[RECORDINGS]) == 1:
             raise LidcamError(
                 f"{title}: nothing to gain: the network already finds every object in the held-out frames, and nothing "

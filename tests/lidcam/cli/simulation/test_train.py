@@ -95,24 +95,30 @@ def found(*is_right: bool) -> Judged:
     return Judged(np.linspace(1, 0, count), np.zeros(count, np.int64), np.array(is_right), errors, np.array([2]))
 
 
+BEFORE = found(True, False, True)
+
+
 @pytest.mark.parametrize(
-    ("after", "error"),
+    ("before", "after", "error"),
     [
-        (found(True, True), None),
-        (found(True, False, True), "a.bag: nothing gained: average precision in the held-out frames 0.833 before, 0.8"),
-        (found(True), "0.833 before, 0.500 after; no network written"),
-        (found(), "0.833 before, 0.000 after; no network written"),
+        (BEFORE, found(True, True), None),
+        (BEFORE, BEFORE, "a.bag: nothing gained: average precision in the held-out frames 0.833 before, 0.8"),
+        (BEFORE, found(True), "0.833 before, 0.500 after; no network written"),
+        (BEFORE, found(), "0.833 before, 0.000 after; no network written"),
+        (BEFORE._replace(objects=np.array([0])), BEFORE, "a.bag: expected objects of sure tracks in the last tenth"),
     ],
-    ids=["better", "as good", "worse", "nothing found"],
+    ids=["better", "as good", "worse", "nothing found", "nothing to find"],
 )
 def test_only_a_better_network_is_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: Judged, error: str | None
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: Judged, after: Judged, error: str | None
 ) -> None:
-    def trained(checkpoint: Checkpoint, out: Path, steps: int, **_: object) -> Trained:
+    def trained(
+        checkpoint: Checkpoint, out: Path, steps: int, *, begun: Callable[[object], object], **_: object
+    ) -> Trained:
         assert (checkpoint.source.worlds, Path(checkpoint.begin).name, steps) == ("sandbox", "sandbox.onnx", 9)
         assert checkpoint.source.has_worlds
+        begun({"recordings": before})
         out.write_bytes(b"network")
-        before = found(True, False, True)
         return Trained("# Card\n", *({"recordings": one, WORLDS: found(True)} for one in (before, after)))
 
     def read(_: object, __: Path, *, check: Callable[[Config], object], own_labels: bool, **___: object) -> Recordings:
