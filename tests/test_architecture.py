@@ -67,7 +67,7 @@ MAX_LINES = {
     "pipeline": (170, 160),
     "pipeline/calibration": (960, 440),
     "pipeline/core": (4590, 2370),
-    "pipeline/detectors": (3710, 2790),
+    "pipeline/detectors": (3730, 2790),
     "pipeline/evaluation": (3920, 2010),
     "pipeline/filters": (380, 590),
     "pipeline/fusion": (2870, 1590),
