@@ -8,10 +8,10 @@ hedge fills all three.
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, F64, I64, Bools
+from lidcam.pipeline.core.arrays import F32, F64, Bools, Indices
 from lidcam.pipeline.core.clouds import Plane
 from lidcam.pipeline.core.settings.combine import GroundConfig
-from lidcam.pipeline.native.kernels import count_layers, lowest_of_cells, scatter_near, scatter_within
+from lidcam.pipeline.native.kernels import count_layers, scatter_near, scatter_within
 
 SAMPLE_POINTS = 6000
 """Planes are sampled from, and scored on, at most this many points, every n-th of the cloud."""
@@ -95,7 +95,7 @@ def _ground(
     points = np.ascontiguousarray(xyz_site.T)  # a row per coordinate makes heights three times faster
     sample = np.ascontiguousarray(points[:, :: max(1, -(-len(xyz_site) // SAMPLE_POINTS))])
     reachable = _within_reach(sample, config, ground_height_m)
-    lowest = lowest_of_cells(reachable, CELL_PER_DISTANCE * config.distance_m)
+    lowest = _lowest_of_cells(reachable, CELL_PER_DISTANCE * config.distance_m)
     if len(lowest) < 3:
         return None
     rng = np.random.Generator(np.random.PCG64(SEED))
@@ -127,6 +127,14 @@ def _within_reach(points: F32, config: GroundConfig, ground_height_m: float | No
     return points.compress(within, axis=1)
 
 
+def _lowest_of_cells(points: F32, cell_m: float) -> Indices:
+    """(M,) row of the first of the lowest points (3, N) in each cell of a square grid, ordered by cell."""
+    column, line = np.floor(points[:2] / np.float32(cell_m)).astype(np.int64)
+    rising = np.argsort(points[2], kind="stable")
+    _, first = np.unique((column * 2**32 + line)[rising], return_index=True)
+    return rising[first]
+
+
 def _limits(config: GroundConfig, ground_height_m: float | None, clearance_m: float) -> F64:
     """(4,) limits for `_can_be_ground`: least z of the normal, clearance of lidars, expected height, its tolerance."""
     level = np.cos(np.radians(config.max_tilt_deg))
@@ -155,7 +163,7 @@ def _is_a_floor(points: F32, plane: F64, layer_m: float) -> bool:
     return bool(np.linalg.eigvalsh(scatter[:2, :2])[0] >= layer_m**2)
 
 
-def _planes_through(points: F32, triples: I64) -> F64:
+def _planes_through(points: F32, triples: Indices) -> F64:
     """(up to K, 4) planes through three points each, unit normal, upwards, and offset.
 
     There is none where a point was drawn twice or all three lie on a line.

@@ -28,8 +28,6 @@ constexpr double BUCKETS_ACROSS = 1.0;
 // Factor on the distance of the search, more than any rounding takes.
 constexpr double ROOM = 1.0 + 1e-6;
 
-const double HALF_ROOT = std::sqrt(0.5);
-
 // The last step of a rising series that a value reaches; 0 before the first.
 LIDCAM_PART int64_t level_of(double value, const double *series, int64_t steps) {
     int64_t level = 0;
@@ -276,49 +274,10 @@ nb::tuple linked_parts(In2<double> points, In1<double> distance_m, In1<double> s
     return nb::make_tuple(parts, part.numpy());
 }
 
-// Of a cluster: lowest and highest place along x, y, the two diagonals between these, and z.
-struct Extent {
-    int64_t count = 0, weight = 0;
-    double low[5] = {INFINITE, INFINITE, INFINITE, INFINITE, INFINITE};
-    double high[5] = {-INFINITE, -INFINITE, -INFINITE, -INFINITE, -INFINITE};
-};
-
-nb::tuple cluster_extents(In2<double> position, In1<int64_t> weights, In1<int64_t> cluster, size_t clusters) {
-    const size_t count = cluster.shape(0);
-    Out<int64_t> rows({count}), starts({clusters + 1}), total({clusters});
-    Out<double> low({clusters, 5}), high({clusters, 5});
-    {
-        nb::gil_scoped_release unlocked;
-        std::vector<Extent> extents(clusters);
-        for (size_t i = 0; i < count; i++) {
-            const double x = position.data()[3 * i], y = position.data()[3 * i + 1], z = position.data()[3 * i + 2];
-            const double places[5] = {x, y, (x + y) * HALF_ROOT, (x - y) * HALF_ROOT, z};
-            Extent &own = extents[cluster.data()[i]];
-            own.count++;
-            own.weight += weights.data()[i];
-            for (int k = 0; k < 5; k++) {
-                own.low[k] = std::min(own.low[k], places[k]);
-                own.high[k] = std::max(own.high[k], places[k]);
-            }
-        }
-        for (size_t c = 0; c < clusters; c++) {
-            starts[c + 1] = starts[c] + extents[c].count;
-            total[c] = extents[c].weight;
-            std::copy(extents[c].low, extents[c].low + 5, &low(c, 0));
-            std::copy(extents[c].high, extents[c].high + 5, &high(c, 0));
-        }
-        std::vector<int64_t> end(starts.data(), starts.data() + clusters);
-        for (size_t i = 0; i < count; i++) rows[end[cluster.data()[i]]++] = int64_t(i);
-    }
-    return nb::make_tuple(rows.numpy(), starts.numpy(), total.numpy(), low.numpy(), high.numpy());
-}
-
 void add(nb::module_ &kernels) {
     kernels.def("cells_of_points", &cells_of_points, array("points"), array("distance_m"), nb::arg("share"),
                 array("edges_m"), array("group"), nb::arg("groups"));
     kernels.def("linked_parts", &linked_parts, array("points"), array("distance_m"), array("series"));
-    kernels.def("cluster_extents", &cluster_extents, array("position"), array("weights"), array("cluster"),
-                nb::arg("clusters"));
 }
 
 }  // namespace clusters

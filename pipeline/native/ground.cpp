@@ -1,7 +1,6 @@
 // Passes over all points that find the ground plane and the points on it; sums run in the order of the points.
 #include "arrays.h"
 #include "bilinear.h"
-#include "radix.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,14 +9,6 @@
 #include <vector>
 
 namespace ground {
-
-// Largest index of a cell; points beyond fall into the last one.
-constexpr int64_t MAX_CELL = int64_t(1) << 30;
-
-constexpr int CHUNK = 1024;  // points whose cells are found at once
-
-// Numbers times this differ in their upper bits (D. E. Knuth: The art of computer programming, vol. 3, 6.4).
-constexpr uint64_t SPREAD = 0x9E3779B97F4A7C15;
 
 // Points as a row per coordinate.
 struct Points {
@@ -37,92 +28,6 @@ struct Plane {
 
 LIDCAM_PART float height_of(const Plane &plane, float x, float y, float z) {
     return x * plane.a + y * plane.b + z * plane.c + plane.d;
-}
-
-// Cells of a series of points along one axis.
-LIDCAM_HOT void find_cells(const float *places, int count, float cell_m, int32_t *cells) {
-    const float largest = float(MAX_CELL);
-    for (int j = 0; j < count; j++) {
-        float cell = std::floor(places[j] / cell_m);
-        cell = cell < -largest ? -largest : cell;
-        cells[j] = int32_t(cell > largest ? largest : cell);
-    }
-}
-
-// An occupied cell, and its lowest point.
-struct Lowest {
-    int32_t column, line, row;
-    float z;
-};
-
-LIDCAM_PART uint64_t slot_of(int32_t column, int32_t line, int shift) {
-    return (((uint64_t(uint32_t(column)) << 32) | uint32_t(line)) * SPREAD) >> shift;
-}
-
-// The occupied cells in the order in which they are met. A table of hashes says where each is; it grows with them.
-std::vector<Lowest> lowest_as_met(const Points &points, float cell_m) {
-    const float *z = points.z;
-    std::vector<Lowest> found;
-    uint64_t slots = 4096;
-    int shift = 52;
-    std::vector<int32_t> in_slot(slots, -1);
-    int32_t columns[CHUNK], lines[CHUNK];
-    for (int64_t start = 0; start < points.count; start += CHUNK) {
-        const int size = int(std::min<int64_t>(CHUNK, points.count - start));
-        find_cells(points.x + start, size, cell_m, columns);
-        find_cells(points.y + start, size, cell_m, lines);
-        for (int j = 0; j < size; j++) {
-            const int32_t i = int32_t(start) + j, column = columns[j], line = lines[j];
-            uint64_t slot = slot_of(column, line, shift);
-            while (in_slot[slot] >= 0) {
-                const Lowest &there = found[in_slot[slot]];
-                if (there.column == column && there.line == line) break;
-                slot = (slot + 1) & (slots - 1);
-            }
-            if (in_slot[slot] >= 0) {
-                Lowest &there = found[in_slot[slot]];
-                if (z[i] < there.z) {
-                    there.row = i;
-                    there.z = z[i];
-                }
-                continue;
-            }
-            in_slot[slot] = int32_t(found.size());
-            found.push_back({column, line, i, z[i]});
-            if (2 * found.size() <= slots) continue;
-            slots *= 4;
-            shift -= 2;
-            in_slot.assign(slots, -1);
-            for (size_t k = 0; k < found.size(); k++) {
-                slot = slot_of(found[k].column, found[k].line, shift);
-                while (in_slot[slot] >= 0) slot = (slot + 1) & (slots - 1);
-                in_slot[slot] = int32_t(k);
-            }
-        }
-    }
-    return found;
-}
-
-nb::object lowest_of_cells(In2<float> rows, float cell_m) {
-    std::vector<Lowest> cells;
-    {
-        nb::gil_scoped_release unlocked;
-        cells = lowest_as_met(Points(rows), cell_m);
-        int64_t left = MAX_CELL, right = -MAX_CELL, low = MAX_CELL, high = -MAX_CELL;
-        for (const Lowest &one : cells) {
-            left = std::min<int64_t>(left, one.column);
-            right = std::max<int64_t>(right, one.column);
-            low = std::min<int64_t>(low, one.line);
-            high = std::max<int64_t>(high, one.line);
-        }
-        const uint64_t width = high - low + 1, places = cells.empty() ? 0 : (right - left + 1) * width;
-        int bits = 0;
-        while (bits < 63 && places >> bits) bits++;
-        radix_sort(cells, 0, bits, [=](const Lowest &one) { return (one.column - left) * width + (one.line - low); });
-    }
-    Out<int64_t> lowest({cells.size()}, unset);
-    for (size_t k = 0; k < cells.size(); k++) lowest[k] = cells[k].row;
-    return lowest.numpy();
 }
 
 // How many heights are at most -3, -1, 1 and 3 layers.
@@ -323,7 +228,6 @@ nb::tuple parted(In2<float> xyz, In1<bool> kept, In1<float> plane, double distan
 }
 
 void add(nb::module_ &kernels) {
-    kernels.def("lowest_of_cells", &lowest_of_cells, array("points"), nb::arg("cell_m"));
     kernels.def("count_layers", &count_layers, array("points"), array("planes"), nb::arg("layer_m"));
     kernels.def("scatter_within", &scatter_within, array("points"), array("plane"), nb::arg("limit_m"));
     kernels.def("scatter_near", &scatter_near, array("points"), array("plane"), nb::arg("layer_m"));

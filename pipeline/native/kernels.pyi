@@ -17,9 +17,6 @@ def mean_neighbor_distance_m(xyz: F32, neighbors: int) -> F32:
 
 # motion.cpp
 
-def in_range(xyz: F32, min_m: float, max_m: float) -> Bools:
-    """(N,) whether points (N, 3) are within these distances from the origin, both inclusive, and not at it."""
-
 def moved(xyz: F32, matrix: F32) -> F32:
     """Points (N, 3) moved by a matrix (3, 4)."""
 
@@ -31,9 +28,6 @@ def moved_each(xyz: F32, since_ns: I64, matrices: F32, step_ns: int) -> F32:
     """
 
 # ground.cpp: `lidcam.pipeline.filters.ground`
-
-def lowest_of_cells(points: F32, cell_m: float) -> I64:
-    """(M,) row of the first of the lowest points (3, N) in each cell of a square grid, ordered by cell."""
 
 def count_layers(points: F32, planes: F32, layer_m: float) -> tuple[I64, I64]:
     """(K,) number of points (3, N) within a layer of each plane (K, 4), and in the fuller of the two beside it.
@@ -120,12 +114,6 @@ def linked_parts(points: F64, distance_m: F64, series: F64) -> tuple[int, I64]:
     near ones.
     """
 
-def cluster_extents(position: F64, weights: I64, cluster: I64, clusters: int) -> tuple[I64, I64, I64, F64, F64]:
-    """(N,) rows of points (N, 3), cluster after cluster; (C + 1,) the first of each, and N; (C,) sums of their weights.
-
-    Then (C, 5) lowest and highest place along x, y, the two diagonals between these, and z.
-    """
-
 # lshape: points (N, 2 or more) are sorted by cluster, and `ends` (C,) are the rows behind the last ones of clusters
 
 def closest_directions(xy: F64, ends: I64, low: F64, diagonal_m: F64, cos: F64, sin: F64, coarse: int) -> I64:
@@ -190,28 +178,6 @@ def box_shapes(position: F64, starts: I64, placed: F64, heading: F64, sight: F64
     `sight` (B, 2) that of the nearest lidar in its frame. The numbers are those of points inside, at the ends, at the
     sides, nearer, farther, high beside and above. The shapes are the columns of `FEATURES` from `low` on, zeros for
     fewer than three points.
-    """
-
-# sight
-
-def hidden_below(
-    first: I64,
-    distance_m: F64,
-    slope: F64,
-    height_m: F64,
-    sector: I64,
-    far_m: F64,
-    lidar_height_m: F64,
-    starts: I64,
-    from_m: float,
-    max_nearer_share: float,
-    min_hidden_share: float,
-) -> Bools:
-    """(C,) whether clusters are hidden below in enough of the sectors that they extend over, see `Sight`.
-
-    The first point of a cluster in each sector stands for all of them. `first` (S + 1,), `distance_m` and `slope` (N,)
-    are the fields of `Sight`; `height_m`, `sector`, `far_m` from the lidar and `lidar_height_m` are of the clusters'
-    points (P,), from `starts` (C,) on. What hides comes to at least `from_m` above the ground.
     """
 
 ONE: Final[int]

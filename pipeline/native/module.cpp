@@ -14,12 +14,10 @@
 #include "pillars.cpp"
 #include "regions.cpp"
 #include "relief.cpp"
-#include "sight.cpp"
 #include "visibility.cpp"
 
 NB_MODULE(kernels, kernels) {
     for (auto *add : {assignment::add, boxes::add, cdr::add, clusters::add, ground::add, lenses::add, lshape::add,
-                      motion::add, neighbors::add, outlines::add, pillars::add, regions::add, relief::add, sight::add,
-                      visibility::add})
+                      motion::add, neighbors::add, outlines::add, pillars::add, regions::add, relief::add, visibility::add})
         add(kernels);
 }

@@ -1,26 +1,7 @@
-// Positions of points: within range, in another frame, and each moved as of its own time.
+// Positions of points in another frame, and each moved as of its own time.
 #include "arrays.h"
 
-#include <cmath>
-
 namespace motion {
-
-LIDCAM_HOT void find_in_range(const float *xyz, int64_t count, float min_m, float max_m, bool *kept) {
-    for (int64_t i = 0; i < count; i++) {
-        const float x = xyz[3 * i], y = xyz[3 * i + 1], z = xyz[3 * i + 2];
-        const float range_m = std::sqrt(x * x + y * y + z * z);
-        kept[i] = (range_m > 0) & (min_m <= range_m) & (range_m <= max_m);
-    }
-}
-
-nb::object in_range(In2<float> xyz, float min_m, float max_m) {
-    Out<bool> kept({xyz.shape(0)}, unset);
-    {
-        nb::gil_scoped_release unlocked;
-        find_in_range(xyz.data(), int64_t(xyz.shape(0)), min_m, max_m, kept.data());
-    }
-    return kept.numpy();
-}
 
 LIDCAM_HOT void move(const float *__restrict xyz, int64_t count, const float *matrix, float *__restrict out) {
     float m[12];
@@ -66,7 +47,6 @@ nb::object moved_each(In2<float> xyz, In1<int64_t> since_ns, In3<float> matrices
 }
 
 void add(nb::module_ &kernels) {
-    kernels.def("in_range", &in_range, array("xyz"), nb::arg("min_m"), nb::arg("max_m"));
     kernels.def("moved", &moved, array("xyz"), array("matrix"));
     kernels.def("moved_each", &moved_each, array("xyz"), array("since_ns"), array("matrices"), nb::arg("step_ns"));
 }

@@ -16,7 +16,7 @@ from lidcam.pipeline.filters.ground import find_ground
 from lidcam.pipeline.filters.motion import coordinates, deskew
 from lidcam.pipeline.filters.outliers import statistical_inliers
 from lidcam.pipeline.filters.relief import find_relief
-from lidcam.pipeline.native.kernels import in_range, moved, parted
+from lidcam.pipeline.native.kernels import moved, parted
 
 
 class Combine:
@@ -114,7 +114,10 @@ def _in_range(cloud: PointCloud, min_range_m: float, max_range_m: float) -> Poin
 
     Points at the lidar itself are removed: some drivers write beams without a return as (0, 0, 0).
     """
-    keep = in_range(np.ascontiguousarray(cloud.xyz), min_range_m, max_range_m)
+    x, y, z = cloud.xyz.T
+    with np.errstate(over="ignore"):  # of points that are infinitely far in float32
+        range_m = np.sqrt(x * x + y * y + z * z)
+    keep = (range_m > 0) & (range_m >= np.float32(min_range_m)) & (range_m <= np.float32(max_range_m))
     return cloud if keep.all() else cloud.select(keep)
 
 

@@ -13,7 +13,6 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.cluster.clusters import HEIGHT_WEIGHT, cluster_points
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter, Fitted, ThinnedPoints, rows_of
 from lidcam.pipeline.detectors.protocols import Candidates3D
-from lidcam.pipeline.native.kernels import cluster_extents, hidden_below
 
 SECTOR_RAD = np.deg2rad(1.0)
 """Width of a sector, within which points stand in one line of sight, roughly."""
@@ -57,20 +56,22 @@ class Sight(NamedTuple):
             starts: (C,) first point of each cluster; each has one.
             from_m: Height below which a cluster has to begin if it stands on the ground.
         """
-        sector, distance_m, _ = _seen(position, lidar, self.origins)
-        return hidden_below(
-            self.starts,
-            self.distance_m,
-            self.slope,
-            np.ascontiguousarray(position[:, 2]),
-            sector,
-            distance_m,
-            self.origins[:, 2].take(lidar),
-            starts,
-            from_m / 2,
-            MAX_NEARER_SHARE,
-            MIN_HIDDEN_SHARE,
-        )
+        sector, away_m, _ = _seen(position, lidar, self.origins)
+        cluster = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(position)))
+        # The first point of a cluster in each sector stands for all of them.
+        _, looks = np.unique(cluster * len(self.starts) + sector, return_index=True)
+        cluster, sector = cluster[looks], sector[looks]
+        counts = np.diff(self.starts)[sector]
+        ends = np.cumsum(counts)
+        look = np.repeat(np.arange(len(looks)), counts)
+        nearer = np.arange(len(look)) + np.repeat(self.starts[sector] - ends + counts, counts)
+        far_m, lidar_m = away_m[looks][look], self.origins[lidar[looks], 2][look]
+        meets_m = lidar_m + self.slope[nearer] * far_m
+        bottom_m = np.minimum.reduceat(position[:, 2], starts)[cluster[look]]
+        hides = (self.distance_m[nearer] < MAX_NEARER_SHARE * far_m) & (from_m / 2 <= meets_m) & (meets_m <= bottom_m)
+        is_hidden = np.bincount(look[hides], minlength=len(looks)) > 0
+        hidden, lines = (np.bincount(of, minlength=len(starts)) for of in (cluster[is_hidden], cluster))
+        return np.asarray(hidden >= MIN_HIDDEN_SHARE * lines)
 
 
 def _seen(position: F64, lidar: I64, origins: F64) -> tuple[I64, F64, F64]:
@@ -133,24 +134,30 @@ class ClusterDetector:
         weighted = points.position.copy()
         weighted[:, 2] *= HEIGHT_WEIGHT
         count, cluster = cluster_points(weighted, share * points.link_distance_m)
-        rows, starts, weights, low, high = cluster_extents(points.position, points.weights, cluster, count)
-        bottom, top, min_height_m = low[:, 4], high[:, 4], self._settings.min_height_m
+        rows = np.argsort(cluster.astype(np.min_scalar_type(count)), kind="stable")
+        starts = np.searchsorted(cluster[rows], np.arange(count))
+        counts, weights = np.diff(starts, append=len(rows)), np.add.reduceat(points.weights[rows], starts)
+        x, y, z = points.position[rows].T
+        sides = np.stack([x, y, (x + y) * np.sqrt(0.5), (x - y) * np.sqrt(0.5)])
+        extents_m = np.maximum.reduceat(sides, starts, axis=1) - np.minimum.reduceat(sides, starts, axis=1)
+        bottom, top = np.minimum.reduceat(z, starts), np.maximum.reduceat(z, starts)
+        min_height_m = self._settings.min_height_m
         usable = (weights >= self._settings.min_points) & (top >= min_height_m)
         hangs = usable & (bottom > self._settings.max_bottom_m)
         usable &= ~hangs | (top - bottom >= min_height_m)  # no roof's edge
         hangs &= usable
         if hangs.any():
-            places, begins = rows_of(starts[:-1], len(rows), hangs)
+            places, begins = rows_of(starts, len(rows), hangs)
             hanging = rows.take(places)
             position, lidar = points.position.take(hanging, axis=0), points.lidar.take(hanging)
             usable[hangs] = sight().is_hidden_below(position, lidar, begins, self._settings.max_bottom_m)
-        came_from = before.take(rows.take(starts[:-1]))
-        small = usable & ((came_from < 0) | (np.bincount(before + 1).take(came_from + 1) > np.diff(starts)))
-        small &= (high - low)[:, :4].max(1) <= self._diagonal_m  # a lower bound of the diameter
-        places, begins = rows_of(starts[:-1], len(rows), small)
+        came_from = before.take(rows.take(starts))
+        small = usable & ((came_from < 0) | (np.bincount(before + 1).take(came_from + 1) > counts))
+        small &= extents_m.max(0) <= self._diagonal_m  # a lower bound of the diameter
+        places, begins = rows_of(starts, len(rows), small)
         fitted = [self._fitter.fit(select_rows(points, rows.take(places)), begins)] if len(begins) else []
         again = usable.copy()
         for found in fitted:
             again[small] = (found.boxes.class_ids < 0) | (found.boxes.misfit > MAX_GOOD_MISFIT)
-        rows = rows.take(rows_of(starts[:-1], len(rows), again)[0])
+        rows = rows.take(rows_of(starts, len(rows), again)[0])
         return fitted, select_rows(points, rows), cluster.take(rows)

@@ -20,17 +20,6 @@ def points(count: int) -> F32:
     return xyz.astype(np.float32)
 
 
-@pytest.mark.parametrize("count", [0, 1, 3, 5000])
-@pytest.mark.parametrize("cell_m", [0.01, 1.0, 1e3])
-def test_lowest_of_cells(count: int, cell_m: float) -> None:
-    xyz = points(count)
-    column, line = np.floor(xyz[:2] / np.float32(cell_m))
-    order = np.lexsort((xyz[2], line, column))
-    is_first = np.ones(count, np.bool_)
-    is_first[1:] = np.diff(column[order]).astype(np.bool_) | np.diff(line[order]).astype(np.bool_)
-    np.testing.assert_array_equal(kernels.lowest_of_cells(xyz, cell_m), order[is_first])
-
-
 def heights_of(xyz: F32, plane: F32) -> F32:
     heights: F32 = xyz[0] * plane[0] + xyz[1] * plane[1] + xyz[2] * plane[2] + plane[3]
     return heights

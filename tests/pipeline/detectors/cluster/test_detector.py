@@ -1,4 +1,4 @@
-"""Loops over the points of a frame and of its clusters, judged by array operations."""
+"""The points of a frame above the ground, judged by array operations."""
 
 from dataclasses import replace
 
@@ -11,7 +11,6 @@ from lidcam.pipeline.core.clouds import CombinedCloud, Plane, Relief
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.detect import ClusterConfig
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
-from lidcam.pipeline.native.kernels import cluster_extents
 
 LIDARS = np.array([[0.0, 0.0, 1.8], [3.0, -1.0, 2.0]])
 SLOPE = Plane(np.array([-0.1, 0.02, 1.0]) / np.sqrt(1.0104), 0.2)
@@ -44,19 +43,3 @@ def test_points_above_ground(plane: Plane | None, relief: Relief | None, heights
     np.testing.assert_array_equal(time_ns, times[rows[place]])
     range_m = np.sqrt(((xyz[place] - LIDARS[lidar]) ** 2).sum(1))
     np.testing.assert_array_equal(link_m, 0.4 + 0.01 * range_m)
-
-
-@pytest.mark.parametrize("count", [1, 2, 500])
-def test_extents_of_clusters(count: int) -> None:
-    rng = np.random.default_rng(count)
-    cluster = rng.permutation(np.concatenate([np.arange(7), rng.integers(0, 7, count)]))
-    position, weights = rng.normal(0, 5, (len(cluster), 3)), rng.integers(1, 5, len(cluster))
-    order, starts, total, low, high = cluster_extents(position, weights, cluster, 7)
-    x, y, z = position.T
-    places = np.stack([x, y, (x + y) * np.sqrt(0.5), (x - y) * np.sqrt(0.5), z], 1)
-    for one in range(7):
-        rows = np.flatnonzero(cluster == one)
-        np.testing.assert_array_equal(order[starts[one] : starts[one + 1]], rows)
-        assert total[one] == weights[rows].sum()
-        np.testing.assert_array_equal(low[one], places[rows].min(0))
-        np.testing.assert_array_equal(high[one], places[rows].max(0))
