@@ -3,6 +3,7 @@
 import math
 import os
 from collections.abc import Generator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, suppress
 from hashlib import file_digest, sha256
 from pathlib import Path
@@ -10,7 +11,6 @@ from typing import Any, BinaryIO, NamedTuple
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.system import read_at
-from lidcam.pipeline.parallel.background import Background
 from lidcam.readers.location import Location, RemotePath
 
 END_BYTES = 1 << 16
@@ -124,7 +124,7 @@ class InputFiles:
         self._due = 0
         self._digests: dict[OpenedFile, str] = {}
         self._blocks = self._read(local)
-        self._background = Background(math.inf, "lidcam-checksum")
+        self._thread, self._steps = ThreadPoolExecutor(1, "lidcam-checksum"), list[Future[None]]()
         self._whole: tuple[InputFile, ...] | None = None
 
     def fingerprint(self) -> str:
@@ -140,7 +140,7 @@ class InputFiles:
         """Have the thread read on, to `share` (0 to 1) of all bytes; does not wait for it."""
         due = round(min(share, 1.0) * self._total)
         while due - self._due >= STEP_BYTES:
-            self._add_step()
+            self._add_step(STEP_BYTES)
 
     def finish(self) -> tuple[InputFile, ...]:
         """The files as they were read, with their checksums; a file that was changed meanwhile has none.
@@ -150,10 +150,11 @@ class InputFiles:
         """
         if self._whole is None:
             while self._due < self._total:
-                self._add_step()
+                self._add_step(STEP_BYTES)
             if self._with_checksums:
-                self._background.add_job(lambda: self._advance(math.inf), 0)
-                self._background.finish()
+                self._add_step(math.inf)
+            for step in self._steps:
+                step.result()
             self._whole = tuple(map(self._finished, self._files))
             self.named = {key: _compared(file) for key, file in self.named.items()}
         return self._whole
@@ -165,13 +166,13 @@ class InputFiles:
 
     def close(self) -> None:
         """End the thread, whether or not it is done, and close the files."""
-        self._background.close()
+        self._thread.shutdown(cancel_futures=True)
         self._blocks.close()
 
-    def _add_step(self) -> None:
+    def _add_step(self, size: float) -> None:
         """Have a step read; between two of them `close` ends the thread."""
         self._due += STEP_BYTES
-        self._background.add_job(lambda: self._advance(STEP_BYTES), 0)
+        self._steps.append(self._thread.submit(self._advance, size))
 
     def _advance(self, size: float) -> None:
         """On the thread."""

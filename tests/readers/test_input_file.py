@@ -145,6 +145,20 @@ def test_a_file_that_is_changed_meanwhile(
         )
 
 
+def test_a_file_that_cannot_be_read_to_its_end(tmp_path: Path, opened: Opened, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "drive.bag"
+    path.write_bytes(bytes(3 * STEP_BYTES))
+
+    def fail(*_: object) -> bytes:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr("lidcam.readers.input_file.read_at", fail)
+    with closing(InputFiles(opened([path]), {}, with_checksums=True)) as files:
+        files.read_up_to(1.0)
+        with pytest.raises(RecordingError, match=r"drive.bag: expected a file that can be read: Input/output error"):
+            files.finish()
+
+
 def test_a_fingerprint_without_reading_all_of_it(tmp_path: Path, opened: Opened) -> None:
     paths = [tmp_path / "first", tmp_path / "second"]
     content = bytes(4 * END_BYTES)
