@@ -4,7 +4,6 @@
 #include "boxes.cpp"
 #include "cdr.cpp"
 #include "clusters.cpp"
-#include "curve.cpp"
 #include "ground.cpp"
 #include "lenses.cpp"
 #include "lshape.cpp"
