@@ -76,10 +76,7 @@ class NearestPartners(Generic[R, T]):
             self._on_drop(item, DropReason.TOO_LATE)
             return []
         queue = self._queues[topic]
-        if queue and queue[-1][0] > stamp_ns:
-            insort(queue, (stamp_ns, item), key=lambda queued: queued[0])
-        else:
-            queue.append((stamp_ns, item))
+        insort(queue, (stamp_ns, item), key=lambda queued: queued[0])
         self._newest_ns[topic] = queue[-1][0]
         resolved = self._resolve_certain() if len(self._references) > 1 else []
         while len(queue) > self._queue_size:
@@ -117,9 +114,8 @@ class NearestPartners(Generic[R, T]):
     def _is_too_late(self, topic: int, stamp_ns: int) -> bool:
         """Whether a later item of the topic is taken, or all reference items that it could reach are resolved."""
         taken_ns, settled_ns = self._taken_ns[topic], self._resolved_ns
-        if taken_ns is not None and stamp_ns < taken_ns:
-            return True
-        return settled_ns is not None and stamp_ns < settled_ns - self._slop_ns
+        is_passed = taken_ns is not None and stamp_ns < taken_ns
+        return is_passed or (settled_ns is not None and stamp_ns < settled_ns - self._slop_ns)
 
     def _resolve_certain(self) -> list[tuple[R, dict[int, T]]]:
         resolved: list[tuple[R, dict[int, T]]] = []
@@ -132,11 +128,8 @@ class NearestPartners(Generic[R, T]):
         following_ns = self._later_reference_ns(self._references[0][0]) if self._references else None
         if following_ns is None:
             return False
-        for topic in self._awaited:
-            newest_ns = self._newest_ns[topic]
-            if newest_ns is None or newest_ns < following_ns:
-                return False
-        return True
+        newest_ns = (self._newest_ns[topic] for topic in self._awaited)
+        return all(known_ns is not None and known_ns >= following_ns for known_ns in newest_ns)
 
     def _resolve_next(self) -> list[tuple[R, dict[int, T]]]:
         """Remove the first reference item, with its partners."""
@@ -188,12 +181,9 @@ class NearestPartners(Generic[R, T]):
             return
         oldest_ns = self._references[0][0] - self._slop_ns
         for topic, queue in enumerate(self._queues):
-            if queue and queue[0][0] < oldest_ns:
-                self._drop_first(topic, sum(stamp_ns < oldest_ns for stamp_ns, _ in queue), DropReason.NO_REFERENCE)
+            self._drop_first(topic, sum(stamp_ns < oldest_ns for stamp_ns, _ in queue), DropReason.NO_REFERENCE)
 
     def _drop_first(self, topic: int, count: int, reason: DropReason) -> None:
-        if not count:
-            return
         dropped = self._queues[topic][:count]
         del self._queues[topic][:count]
         for _, item in dropped:

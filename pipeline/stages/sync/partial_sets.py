@@ -215,13 +215,12 @@ class PartialSets:
     def _restart(self, core: tuple[int, ...]) -> list[FoundSet]:
         """Make these topics the policy's, with the messages that are in no set yet."""
         items = [(item.number, topic, item) for topic, held in enumerate(self._held) for item in held.values()]
-        for topic in set(core) - set(self._core):
-            if self._last_ns is None:
-                items += [(item.number, topic, item) for item in self._partners.take_after(topic, None)]
-                continue
-            after_ns = self._last_ns + self._half_period_ns()
+        new = set(core) - set(self._core)
+        after_ns = None if self._last_ns is None else self._last_ns + self._half_period_ns()
+        for topic in new:
             items += [(item.number, topic, item) for item in self._partners.take_after(topic, after_ns)]
-            self._entering.add(topic)
+        if after_ns is not None:
+            self._entering |= new
         self._entering &= set(core)
         for held in self._held:
             held.clear()
@@ -237,13 +236,13 @@ class PartialSets:
 
     def _behind(self, stamp_ns: int) -> set[int]:
         """Required topics with an overdue message, by their newest stamps before `stamp_ns`."""
-        late: set[int] = set()
-        for topic in self._core:
+
+        def is_late(topic: int) -> bool:
             newest_ns = self._liveness.newest_ns(topic)
             allowed_ns = max(self._slop_ns, round(MAX_PERIODS * self._liveness.period_ns(topic)))
-            if newest_ns is None or newest_ns + allowed_ns < stamp_ns:
-                late.add(topic)
-        return late
+            return newest_ns is None or newest_ns + allowed_ns < stamp_ns
+
+        return set(filter(is_late, self._core))
 
     def _go_on_without(self, late: set[int]) -> list[FoundSet]:
         """Require these topics no longer, and return the sets that become certain thereby."""
