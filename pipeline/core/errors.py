@@ -1,18 +1,5 @@
 """The errors that lidcam raises for faulty input, calibration or settings.
 
-    LidcamError
-    ├── RecordingError     a recording cannot be opened or read
-    │   └── MessageError   one message cannot be decoded
-    ├── CalibrationError   intrinsics, extrinsics or a rig file are unusable
-    │   └── FrameError     transforms of different frames were composed, or no path joins two frames
-    ├── ConfigError        the settings are wrong
-    ├── ModelError         a network cannot be loaded or does not have the expected layout
-    ├── OutputError        a result cannot be written
-    ├── ShortMemoryError   the machine has too little memory; no input is at fault
-    ├── WorkerError        a process that shares the work cannot be started, or has died
-    ├── CheckError         a command went through, and its result is less than what was asked for
-    └── IncompleteError    a command went through, and part of the recording could not be used
-
 Each message is one line: what was expected, what was found, what to do. The command line prints it and exits with 1,
 after an `IncompleteError` with 3; any other exception is a bug and keeps its traceback.
 """

@@ -2,14 +2,12 @@
 
 from collections.abc import Mapping
 from importlib import import_module
-from importlib.util import find_spec
 
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, Indices
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes3D
-from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.geometry.overlaps import without_overlaps
 from lidcam.pipeline.core.geometry.regions import points_in_footprints
@@ -40,7 +38,7 @@ class Detect3D:
 
         Raises:
             ConfigError: the classes are not those that a learned score knows.
-            ModelError: a package that it needs is not installed, or a network or weights cannot be read.
+            ModelError: a network or weights cannot be read.
         """
         self._site_frame = rig.site_frame
         self._lidar_origins_site = rig.lidar_xyz.astype(np.float32)
@@ -98,11 +96,6 @@ def _detector(rig: Rig, config: Config) -> Detector3D:
     engine = ENGINES[config.detect3d.engine]
     if not engine.maker:
         return lambda _: Candidates3D.empty()
-    if engine.package and find_spec(engine.package) is None:
-        raise ModelError(
-            f"detect3d.method {config.detect3d.engine} needs {engine.package}, which is not installed: "
-            f"pip install 'lidcam[{engine.extra}]'"
-        )
     module, _, name = engine.maker.partition(":")
     detector: Detector3D = getattr(import_module(module), name)(rig, config)
     return detector

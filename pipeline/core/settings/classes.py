@@ -49,6 +49,7 @@ class ClassPrior(SettingsModel):
         return tuple(name.strip().lower() for name in (self.name, *self.labels))
 
 
+# fmt: off
 ROAD_CLASSES = (
     ClassPrior(
         name="car",
@@ -62,17 +63,9 @@ ROAD_CLASSES = (
         max_size_m=(1.2, 1.2, 2.1),
         frequency=0.5,
         labels=(
-            "person",
-            "pedestrian",
-            "2",
-            "person_sitting",
-            "human.pedestrian.adult",
-            "human.pedestrian.child",
-            "human.pedestrian.construction_worker",
-            "human.pedestrian.police_officer",
-            "human.pedestrian.personal_mobility",
-            "human.pedestrian.stroller",
-            "human.pedestrian.wheelchair",
+            "person", "pedestrian", "2", "person_sitting", "human.pedestrian.adult", "human.pedestrian.child",
+            "human.pedestrian.construction_worker", "human.pedestrian.police_officer",
+            "human.pedestrian.personal_mobility", "human.pedestrian.stroller", "human.pedestrian.wheelchair",
         ),
     ),
     ClassPrior(
@@ -81,17 +74,8 @@ ROAD_CLASSES = (
         max_size_m=(2.3, 1.1, 2.1),
         frequency=0.2,
         labels=(
-            "bicycle",
-            "motorcycle",
-            "cyclist",
-            "3",
-            "rider",
-            "bicyclist",
-            "motorcyclist",
-            "bike",
-            "motorbike",
-            "vehicle.bicycle",
-            "vehicle.motorcycle",
+            "bicycle", "motorcycle", "cyclist", "3", "rider", "bicyclist", "motorcyclist", "bike", "motorbike",
+            "vehicle.bicycle", "vehicle.motorcycle",
         ),
     ),
     ClassPrior(
@@ -101,16 +85,8 @@ ROAD_CLASSES = (
         kinds_m=((5.5, 2.0, 2.4),),
         frequency=0.2,
         labels=(
-            "truck",
-            "van",
-            "4",
-            "5",
-            "trailer",
-            "construction_vehicle",
-            "vehicle.truck",
-            "vehicle.trailer",
-            "vehicle.construction",
-            "vehicle.emergency.ambulance",
+            "truck", "van", "4", "5", "trailer", "construction_vehicle", "vehicle.truck", "vehicle.trailer",
+            "vehicle.construction", "vehicle.emergency.ambulance",
         ),
     ),
     ClassPrior(
@@ -121,3 +97,4 @@ ROAD_CLASSES = (
         labels=("bus", "6", "vehicle.bus.rigid", "vehicle.bus.bendy"),
     ),
 )
+# fmt: on

@@ -15,16 +15,12 @@ class Engine3D:
             calibrated by `lidcam.pipeline.fusion.belief`.
         boxes_are_completed: Whether boxes are what is seen, completed to the size of their class, so that a box whose
             class changes is completed anew.
-        package: A package that it needs and `pip install lidcam` does not bring; empty: none.
-        extra: The extra of lidcam that brings the package.
     """
 
     maker: str
     words: str
     scores_are_probabilities: bool = True
     boxes_are_completed: bool = False
-    package: str = ""
-    extra: str = ""
 
 
 ENGINES: dict[str, Engine3D] = {
