@@ -14,7 +14,6 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64, Bools, Indices
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes3D
-from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.core.geometry.boxes import rotations_2d, wrap_angle
 from lidcam.pipeline.core.geometry.overlaps import OVERLAP_SHARE, overlap_shares
 from lidcam.pipeline.core.rig import Rig
@@ -73,11 +72,6 @@ class CombinedDetector:
         Raises:
             ModelError: a network is not there or cannot be loaded, or none of its classes is configured.
         """
-        if config.detect3d.model is None:
-            raise ModelError(
-                "detect3d.method combined needs a network: give --model-3d FILE.onnx or set detect3d.model; none for "
-                "these classes comes with lidcam"
-            )
         is_known = knows(config.classes)
         self._learned = LearnedScores(rig, config) if is_known else None
         self._kinds = kinds_of(config.classes).argmax(1) if is_known else np.zeros(len(config.classes), np.int64)

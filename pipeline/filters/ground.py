@@ -34,7 +34,6 @@ STANDS_OUT = 1.5
 REFINEMENTS = 6
 """Rounds of least squares on the sample, each on the points near the last plane, before one on all points."""
 
-
 MAX_SHARE_BELOW = 0.005
 """Maximum share of points below a ground at the origins: level beams in a room have others below them."""
 
@@ -100,8 +99,8 @@ def _ground(
         return None
     rng = np.random.Generator(np.random.PCG64(SEED))
     planes = _planes_through(reachable, lowest[rng.integers(len(lowest), size=(PLANES, 3))])
-    limits = _limits(config, ground_height_m, clearance_m)
-    planes = planes[_can_be_ground(planes, lidar_origins_site, limits)]
+    limits = lidar_origins_site, config, ground_height_m, clearance_m
+    planes = planes[_can_be_ground(planes, *limits)]
     if not len(planes):
         return None
     for scored in (np.ascontiguousarray(sample[:, ::THINNING]), sample):
@@ -110,7 +109,7 @@ def _ground(
     plane = planes[0]
     for cloud in [sample] * REFINEMENTS + [points]:
         refined = _least_squares(cloud, plane, layer_m)
-        if refined is None or not _can_be_ground(refined[None], lidar_origins_site, limits)[0]:
+        if refined is None or not _can_be_ground(refined[None], *limits)[0]:
             break
         plane = refined
     if not _is_a_floor(points, plane, layer_m):
@@ -133,14 +132,6 @@ def _lowest_of_cells(points: F32, cell_m: float) -> Indices:
     rising = np.argsort(points[2], kind="stable")
     _, first = np.unique((column * 2**32 + line)[rising], return_index=True)
     return rising[first]
-
-
-def _limits(config: GroundConfig, ground_height_m: float | None, clearance_m: float) -> F64:
-    """(4,) limits for `_can_be_ground`: least z of the normal, clearance of lidars, expected height, its tolerance."""
-    level = np.cos(np.radians(config.max_tilt_deg))
-    if ground_height_m is None:
-        return np.array([level, clearance_m, 0.0, np.inf])
-    return np.array([level, clearance_m, ground_height_m, config.height_tolerance_m])
 
 
 def _least_squares(points: F32, plane: F64, layer_m: float) -> F64 | None:
@@ -178,11 +169,12 @@ def _planes_through(points: F32, triples: Indices) -> F64:
     return np.vstack([normals, -(normals * a[:, spanned]).sum(axis=0)]).T
 
 
-def _can_be_ground(planes: F64, lidar_origins: F64, limits: F64) -> Bools:
-    """(K,) whether planes (K, 4) are within `_limits`: level, below every lidar (L, 3), at the right height."""
-    level, clearance_m, height_m, tolerance_m = limits
-    fit: Bools = planes[:, 2] >= level
+def _can_be_ground(
+    planes: F64, lidar_origins: F64, config: GroundConfig, ground_height_m: float | None, clearance_m: float
+) -> Bools:
+    """(K,) whether planes (K, 4) are level, far enough below every lidar (L, 3) and at the right height."""
+    fit: Bools = planes[:, 2] >= np.cos(np.radians(config.max_tilt_deg))
     fit &= (np.einsum("ka,la->kl", planes[:, :3], lidar_origins) + planes[:, 3:]).min(axis=1) > clearance_m
-    if np.isfinite(tolerance_m):  # not divided by the normal's z, which may be 0
-        fit &= np.abs(planes[:, 3] + height_m * planes[:, 2]) <= tolerance_m * planes[:, 2]
+    if ground_height_m is not None:  # not divided by the normal's z, which may be 0
+        fit &= np.abs(planes[:, 3] + ground_height_m * planes[:, 2]) <= config.height_tolerance_m * planes[:, 2]
     return fit

@@ -5,7 +5,7 @@ In motion compensation the scene is assumed static in the fixed frame; moving ob
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, I64, Bools
+from lidcam.pipeline.core.arrays import F32, I64
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.geometry.poses import interpolate_poses
 from lidcam.pipeline.native.kernels import moved_each
@@ -32,8 +32,3 @@ def deskew(xyz_moving: F32, point_stamps_ns: I64, stamp_ns: int, motion: PoseSam
     # Relative motion in float64: poses may be kilometres from the origin of a map, the motion within a sweep is metres.
     T_target_knot = (np.linalg.inv(poses[-1]) @ poses[:-1])[:, :3].astype(np.float32)
     return moved_each(np.ascontiguousarray(xyz_moving), since_ns, T_target_knot, STEP_NS)
-
-
-def coordinates(xyz: F32, kept: Bools) -> F32:
-    """(3, K) the coordinates of those points (N, 3) that are kept (N,)."""
-    return np.ascontiguousarray(xyz.T).compress(kept, axis=1)

@@ -13,7 +13,7 @@ from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.rig import LidarSensor, Rig
 from lidcam.pipeline.core.settings.combine import CombineConfig
 from lidcam.pipeline.filters.ground import find_ground
-from lidcam.pipeline.filters.motion import coordinates, deskew
+from lidcam.pipeline.filters.motion import deskew
 from lidcam.pipeline.filters.outliers import statistical_inliers
 from lidcam.pipeline.filters.relief import find_relief
 from lidcam.pipeline.native.kernels import moved, parted
@@ -89,7 +89,7 @@ class Combine:
         config, origins, known_m = self._config.ground, self._lidar_origins_site, self._rig.ground_height_m
         plane = None
         if config.enabled:
-            kept_xyz = coordinates(xyz_site, kept).T
+            kept_xyz = np.ascontiguousarray(xyz_site.T).compress(kept, axis=1).T  # a row per coordinate in memory
             plane = find_ground(kept_xyz, origins, config=config, ground_height_m=known_m)
         if plane is None:
             return _Ground(None, None, np.flatnonzero(kept), np.arange(0), np.arange(len(xyz_site)))

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Indices
+from lidcam.pipeline.core.arrays import I64, Indices, replace_rows
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
@@ -52,13 +52,13 @@ class Refitter:
         rows = rows[fits]
         turned = np.cos(found.yaws[fits] - boxes.yaws[rows]) < 0
         fitted = replace(
-            boxes,
-            centers=_with(boxes.centers, rows, found.centers[fits]),
-            sizes=_with(boxes.sizes, rows, found.sizes[fits]),
-            yaws=_with(boxes.yaws, rows, wrap_angle(found.yaws[fits] + np.pi * turned)),
-            covariances=_with(boxes.covariances, rows, found.covariances[fits]),
+            boxes.select(rows),
+            centers=found.centers[fits],
+            sizes=found.sizes[fits],
+            yaws=wrap_angle(found.yaws[fits] + np.pi * turned),
+            covariances=found.covariances[fits],
         )
-        return fitted, rows
+        return replace_rows(boxes, rows, fitted), rows
 
     def _points_of(self, combined: CombinedCloud, boxes: Boxes3D) -> tuple[I64, I64]:
         """Rows of the detection cloud in each box, sorted by box, and the box of each."""
@@ -71,10 +71,3 @@ class Refitter:
         top_m = boxes.centers[:, 2] + boxes.sizes[:, 2] / 2 + margin_m
         kept = combined.detection_cloud.xyz[rows, 2] <= top_m[box]
         return rows[kept], box[kept]
-
-
-def _with(values: F64, rows: Indices, changed: F64) -> F64:
-    """A copy with other values in some rows."""
-    values = values.copy()
-    values[rows] = changed
-    return values

@@ -142,8 +142,8 @@ class PillarDetector:
         path = config.detect3d.model
         if path is None:
             raise ModelError(
-                "detect3d.method pillars needs a network: give --model-3d FILE.onnx or set detect3d.model; none for "
-                "these classes comes with lidcam"
+                f"detect3d.method {config.detect3d.engine} needs a network: give --model-3d FILE.onnx or set "
+                "detect3d.model; none for these classes comes with lidcam"
             )
         path = existing_network_file(path)
         session = OnnxSession(path, provider=config.detect3d.provider)
