@@ -45,11 +45,7 @@ SEED = 0
 
 
 def find_ground(
-    xyz_site: F32,
-    lidar_origins_site: F64,
-    *,
-    config: GroundConfig,
-    ground_height_m: float | None = None,
+    xyz_site: F32, lidar_origins_site: F64, *, config: GroundConfig, ground_height_m: float | None = None
 ) -> Plane | None:
     """The ground plane; None if there is none.
 
@@ -82,12 +78,7 @@ def _share_below(xyz_site: F32, plane: Plane, distance_m: float) -> float:
 
 
 def _ground(
-    xyz_site: F32,
-    lidar_origins_site: F64,
-    config: GroundConfig,
-    ground_height_m: float | None,
-    *,
-    clearance_m: float,
+    xyz_site: F32, lidar_origins_site: F64, config: GroundConfig, ground_height_m: float | None, *, clearance_m: float
 ) -> Plane | None:
     """The ground that is more than `clearance_m` below each lidar."""
     layer_m = LAYER_PER_DISTANCE * config.distance_m

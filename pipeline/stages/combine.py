@@ -139,13 +139,7 @@ def _to_site(cloud: PointCloud, lidar: LidarSensor, stamp_ns: int, motion: PoseS
     if later_ns:
         int32 = np.iinfo(np.int32)  # saturates 2.1 s away
         offset_ns = np.clip(offset_ns.astype(np.int64) + later_ns, int32.min, int32.max).astype(np.int32)
-    return replace(
-        cloud,
-        stamp_ns=stamp_ns,
-        frame_id=lidar.T_site_lidar.dst,
-        xyz=xyz_site,
-        time_offset_ns=offset_ns,
-    )
+    return replace(cloud, stamp_ns=stamp_ns, frame_id=lidar.T_site_lidar.dst, xyz=xyz_site, time_offset_ns=offset_ns)
 
 
 def _joined(clouds: list[PointCloud], stamp_ns: int, site_frame: str) -> PointCloud:

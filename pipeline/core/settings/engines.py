@@ -32,9 +32,7 @@ ENGINES: dict[str, Engine3D] = {
     ),
     "pillars": Engine3D("lidcam.pipeline.detectors.pillars.detector:FittedPillarDetector", "network"),
     "combined": Engine3D(
-        "lidcam.pipeline.detectors.combined:CombinedDetector",
-        "network and clustering",
-        boxes_are_completed=True,
+        "lidcam.pipeline.detectors.combined:CombinedDetector", "network and clustering", boxes_are_completed=True
     ),
     "recorded": Engine3D("", "recorded"),
     "callable": Engine3D("", "by a function of the caller"),

@@ -62,12 +62,7 @@ class Kinds:
 
 
 def complete_boxes(
-    rectangles: Rectangles,
-    top_m: F64,
-    lidar_share: F64,
-    lidar_xy: F64,
-    kinds: Kinds,
-    given_ids: I64 | None = None,
+    rectangles: Rectangles, top_m: F64, lidar_share: F64, lidar_xy: F64, kinds: Kinds, given_ids: I64 | None = None
 ) -> CompletedBoxes:
     """Choose the class of each cluster, where it is not given, and complete its box.
 

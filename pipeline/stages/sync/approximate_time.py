@@ -41,12 +41,7 @@ class ApproximateTime(Generic[T]):
     """
 
     def __init__(
-        self,
-        topic_count: int,
-        *,
-        queue_size: int,
-        max_interval_ns: int | None = None,
-        on_drop: OnItemDrop[T],
+        self, topic_count: int, *, queue_size: int, max_interval_ns: int | None = None, on_drop: OnItemDrop[T]
     ) -> None:
         self._queues: list[deque[tuple[int, T]]] = [deque() for _ in range(topic_count)]
         self._cursors = [0] * topic_count
