@@ -12,9 +12,9 @@ from lidcam.pipeline.stages.reshape import Reshape
 CONFIG = Config()
 
 
-def associate_of(rig: Rig, config: Config = CONFIG) -> Associate:
+def associate_of(rig: Rig) -> Associate:
     """Association in a rig."""
-    return Associate(rig, config.classes)
+    return Associate(rig, CONFIG.classes)
 
 
 def place_of(rig: Rig, config: Config = CONFIG) -> Place:
@@ -22,11 +22,10 @@ def place_of(rig: Rig, config: Config = CONFIG) -> Place:
     return Place(rig, config.fuse, config.classes, ground_distance_m=config.combine.ground.distance_m)
 
 
-def propose_of(rig: Rig, config: Config = CONFIG) -> Propose:
+def propose_of(rig: Rig) -> Propose:
     """Proposals in a rig."""
-    return Propose(
-        rig, BoxFitter(rig, config.classes, config.detect3d.cluster), config.detect3d.cluster, config.classes
-    )
+    classes, settings = CONFIG.classes, CONFIG.detect3d.cluster
+    return Propose(rig, BoxFitter(rig, classes, settings), settings, classes)
 
 
 def reshape_of(rig: Rig, config: Config) -> Reshape:

@@ -17,7 +17,6 @@ def scan(
     boxes: list[Box],
     *,
     rings: tuple[float, float, int] = (-24.8, 2.0, 64),
-    step_deg: float = 0.2,
     noise_m: float = 0.0,
 ) -> F64:
     """(N, 3) first hits on the boxes of the beams of a spinning lidar, site frame; `rings` is lowest, highest, number.
@@ -25,7 +24,7 @@ def scan(
     Only beams that can hit a box are cast. Noise along the beam is drawn with a fixed seed.
     """
     elevation = np.deg2rad(np.linspace(*rings))
-    azimuth = np.deg2rad(np.arange(0.0, 360.0, step_deg))
+    azimuth = np.deg2rad(np.arange(0.0, 360.0, 0.2))
     el, az = (grid.ravel() for grid in np.meshgrid(elevation, azimuth, indexing="ij"))
     beams = np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)], 1)
     nearest = np.full(len(beams), np.inf)
@@ -68,10 +67,8 @@ def combined(*clouds: F64, plane: Plane | None = None, relief: Relief | None = N
     return CombinedCloud(point_cloud(xyz), point_cloud(xyz), lidar, nothing, plane, {}, relief=relief)
 
 
-def point_cloud(xyz: npt.ArrayLike, frame_id: str = "site", *, stamp_ns: int = 7) -> PointCloud:
+def point_cloud(xyz: npt.ArrayLike, frame_id: str = "site") -> PointCloud:
     """A cloud of points (N, 3) without intensities, rings and times."""
     points = np.array(xyz, np.float32)
     n = len(points)
-    return PointCloud(
-        stamp_ns, frame_id, points, np.zeros(n, np.float32), np.zeros(n, np.uint16), np.zeros(n, np.int32)
-    )
+    return PointCloud(7, frame_id, points, np.zeros(n, np.float32), np.zeros(n, np.uint16), np.zeros(n, np.int32))

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from lens_models import LENS_MODELS
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.camera import CameraModel
@@ -15,13 +16,6 @@ from lidcam.pipeline.core.geometry.boxes import box_corners
 
 K = np.array([[520.0, 0.0, 333.0], [0.0, 510.0, 251.0], [0.0, 0.0, 1.0]])
 OPTICAL = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])  # site axes (x forward, z up) to optical ones
-MODELS: list[tuple[Any, list[float]]] = [
-    ("plumb_bob", []),
-    ("plumb_bob", [-0.1192, 0.162, 0.00073985, 0.0014]),
-    ("plumb_bob", [-0.102933, -0.040925, 0.00057951, -0.00419933, 0.429959]),
-    ("rational_polynomial", [0.3, -0.1, 0.001, -0.002, 0.02, 0.5, -0.05, 0.01]),
-    ("equidistant", [-0.01, 0.02, -0.005, 0.001]),
-]
 NAMES = ["none", "plumb_bob_4", "plumb_bob_5", "rational", "equidistant"]
 
 
@@ -30,7 +24,7 @@ def camera(model: Any = "plumb_bob", distortion: Any = (), **changes: Any) -> Ca
     return CameraModel(**{**fields, "distortion": np.array(distortion, np.float64), **changes})
 
 
-LENSES = [camera(*model) for model in MODELS]
+LENSES = [camera(*LENS_MODELS[name]) for name in NAMES]
 lenses = pytest.mark.parametrize("lens", LENSES, ids=NAMES)
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from lidcam.pipeline.core.arrays import Array
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Matches
-from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.rig import Rig
 
 Row = tuple[float, ...]
 
@@ -27,10 +27,9 @@ def match(boxes: Boxes3D, rows: Sequence[Row]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in pairs]
 
 
-def projection(boxes: Boxes3D, camera: CameraSensor | None = None) -> Array:
+def projection(boxes: Boxes3D) -> Array:
     """Where each 3D box appears, clipped to the image."""
-    camera = camera or forward_camera()
-    return associate(boxes, {camera.name: boxes2d([])}, rig=camera_rig(camera))[camera.name].projected_xyxy
+    return associate(boxes, {"cam": boxes2d([])})["cam"].projected_xyxy
 
 
 def shown(xyxy: Sequence[float] | Array, *, score: float = 0.8, class_id: int = CAR, shift: float = 0.0) -> Row:

@@ -63,10 +63,10 @@ def frame(motion: PoseSamples | None = None) -> SensorBundle:
     return SensorBundle(0, STAMP_NS, STAMP_NS, {}, motion)
 
 
-def driving(*stamps_ms: int, frame_id: str = "site") -> PoseSamples:
+def driving(*stamps_ms: int) -> PoseSamples:
     """10 m/s along x."""
     poses = np.array([pose((10.0 * ms / 1000, 0, 0)) for ms in stamps_ms])
-    return PoseSamples(frame_id, "odom", STAMP_NS + np.array(stamps_ms, np.int64) * MS, poses)
+    return PoseSamples("site", "odom", STAMP_NS + np.array(stamps_ms, np.int64) * MS, poses)
 
 
 def street(seed: int = 0, *, z: float = -1.7) -> F64:

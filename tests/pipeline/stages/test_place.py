@@ -32,10 +32,8 @@ CARS: list[Box] = [(2.0, 3.0, 0.775, 4.0, 1.7, 1.55, 0.4), (-3.0, -4.0, 0.775, 4
 EMPTY = combined(np.zeros((0, 3)))
 
 
-def place(
-    boxes: Mapping[str, Boxes2D], *cameras: CameraSensor, cloud: CombinedCloud = EMPTY, config: Config = CONFIG
-) -> Boxes3D:
-    return place_of(camera_rig(*cameras), config)(cloud, boxes, views_of(*cameras)).boxes
+def place(boxes: Mapping[str, Boxes2D], *cameras: CameraSensor, cloud: CombinedCloud = EMPTY) -> Boxes3D:
+    return place_of(camera_rig(*cameras))(cloud, boxes, views_of(*cameras)).boxes
 
 
 def test_objects_of_two_cameras_are_merged_and_placed() -> None:

@@ -4,15 +4,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from detections import LOOK_FORWARD, boxes2d, boxes3d, camera_rig, forward_camera, matches
+from detections import boxes2d, boxes3d, camera_rig, forward_camera, matches
 from fusion_scenes import FusionScene, fusion_scenes
 from fusion_stages import associate_of
 from scipy.stats import chi2
-from seen_boxes import edges_in_view
+from seen_boxes import camera_at, edges_in_view
 from wrong_cameras import cuboids
 
 from lidcam.pipeline.core.arrays import F64, Bools, join_rows
-from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Hypotheses, Matches, Source
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.core.geometry.transform import Transform
@@ -119,17 +118,10 @@ SIZE = (4.2, 1.8, 1.5)
 
 def pole_camera(number: int, *, turned_deg: float = 0.0) -> CameraSensor:
     """One of four cameras at the corners of a square, 5 m high, that look at its middle."""
-    corner = np.array([[20, 20], [-20, 20], [-20, -20], [20, -20]])[number]
-    away = np.deg2rad(turned_deg) + np.arctan2(*(-corner[::-1]))
-    cos, sin, down = np.cos(away), np.sin(away), np.arctan2(5, 28)
-    turn = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
-    nod = np.array([[np.cos(down), 0, -np.sin(down)], [0, 1, 0], [np.sin(down), 0, np.cos(down)]])
-    matrix = np.eye(4)
-    matrix[:3, :3] = LOOK_FORWARD[:3, :3] @ nod @ turn
-    matrix[:3, 3] = -matrix[:3, :3] @ [*corner, 5.0]
-    K = np.array([[700.0, 0, 639.5], [0, 700, 359.5], [0, 0, 1]])
-    model = CameraModel(f"{number}", 1280, 720, K, "plumb_bob", np.array([-0.1, 0.02]))
-    return CameraSensor(f"{number}", f"/{number}", "", model, Transform(f"{number}", "site", matrix), fit=EXACT)
+    x, y = ((20.0, 20.0), (-20.0, 20.0), (-20.0, -20.0), (20.0, -20.0))[number]
+    away_deg, down_deg = turned_deg + np.degrees(np.arctan2(-y, -x)), float(np.degrees(np.arctan2(5, 28)))
+    camera = camera_at(f"{number}", (x, y, 5.0), yaw_deg=away_deg, pitch_deg=down_deg, distortion=(-0.1, 0.02))
+    return replace(camera, model=camera.model.zoomed(7 / 9), fit=EXACT)
 
 
 def made_up(

@@ -30,10 +30,10 @@ def pose(time_s: float, speed_m_s: float = 20.0, yaw_rate: float = 0.0) -> F64:
     return matrix
 
 
-def motion(*times_ms: float, frame_id: str = "site", speed_m_s: float = 20.0, yaw_rate: float = 0.0) -> PoseSamples:
+def motion(*times_ms: float, speed_m_s: float = 20.0, yaw_rate: float = 0.0) -> PoseSamples:
     stamps_ns = STAMP_NS + np.array([round(ms * MS) for ms in times_ms], np.int64)
     poses = np.array([pose(ms / 1e3, speed_m_s, yaw_rate) for ms in times_ms]).reshape(-1, 4, 4)
-    return PoseSamples(frame_id, "map", stamps_ns, poses)
+    return PoseSamples("site", "map", stamps_ns, poses)
 
 
 def bundle(late_ms: Mapping[str, float], known: PoseSamples | None) -> SensorBundle:

@@ -10,16 +10,7 @@ from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.rig import Zone
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.tracking.fixed_frame import NO_TRACK_REASON, SightingsOf, with_tracks
-from lidcam.pipeline.tracking.motion import (
-    HEADING,
-    SPEED,
-    TURN,
-    Motions,
-    Priors,
-    at_centers,
-    at_rear_axles,
-    predicted,
-)
+from lidcam.pipeline.tracking.motion import HEADING, SPEED, TURN, Motions, Priors, at_centers, at_rear_axles, predicted
 from lidcam.pipeline.tracking.online import OnlineTracker
 from lidcam.pipeline.tracking.sightings import NOT_SEEN, FrameSightings, TrackRows
 from lidcam.pipeline.tracking.trackers import object_tracker

@@ -61,11 +61,8 @@ def message(topic: str, stamp_ms: int, log_ms: int, position: int = 0) -> RawMes
 
 def run(
     messages: Iterable[RawMessage],
-    config: SyncConfig | None = None,
     *,
     topics: Sequence[str] = TOPICS,
-    required: Sequence[str] = LIDARS,
-    reference: str = LIDARS[0],
 ) -> tuple[list[SensorBundle], Counter[tuple[str, str]], SyncStats]:
     drops: Counter[tuple[str, str]] = Counter()
 
@@ -74,7 +71,7 @@ def run(
 
     stats = SyncStats()
     found = synchronize(
-        messages, topics, config or SyncConfig(), reference=reference, required=required, on_drop=on_drop, stats=stats
+        messages, topics, SyncConfig(), reference=LIDARS[0], required=LIDARS, on_drop=on_drop, stats=stats
     )
     return list(found), drops, stats
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidcam.pipeline.core.errors import ConfigError
+from lidcam.pipeline.core.errors import ConfigError, RecordingError
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.messages import Channel, Drop, RawMessage
 from lidcam.pipeline.core.settings.sync import SyncConfig
@@ -18,8 +18,8 @@ MS = 1_000_000
 CHANNELS = [Channel(f"/t{topic}", "sensor_msgs/msg/Image", "cdr") for topic in range(4)]
 
 
-def message(topic: int, stamp_ms: int, position: int = 0) -> RawMessage:
-    return RawMessage(stamp_ms * MS, (stamp_ms + 7) * MS, (0, position), b"", CHANNELS[topic])
+def message(topic: int, stamp_ms: int, position: int = 0, *, size: int = 0) -> RawMessage:
+    return RawMessage(stamp_ms * MS, (stamp_ms + 7) * MS, (0, position), bytes(size), CHANNELS[topic])
 
 
 DEFAULTS = SyncConfig()
@@ -92,3 +92,31 @@ def test_max_interval_bounds_approximate_time() -> None:
 def test_wrong_topics_are_refused_at_once(topics: list[str], reference: str, fault: str) -> None:
     with pytest.raises(ConfigError, match=fault):
         synchronize_([], topics, SyncConfig(), reference=reference, on_drop=refuse_drop)
+
+
+# --- messages that wait for one another hold a bounded amount of memory
+
+
+def frames_of(messages: list[RawMessage], max_waiting_bytes: int | None) -> int:
+    found = synchronize_(
+        messages,
+        ("/t0", "/t1"),
+        SyncConfig(queue_size=5),
+        reference="/t0",
+        on_drop=lambda _: None,
+        max_waiting_bytes=max_waiting_bytes,
+    )
+    return len(list(found))
+
+
+def test_what_came_together_or_was_dropped_waits_no_longer() -> None:
+    together = [message(topic, 100 * i, size=1000) for i in range(50) for topic in (0, 1)]
+    assert frames_of(together, 6000) == 50
+    assert frames_of([message(0, 100 * i, size=1000) for i in range(50)], 7000) == 0  # a queue of five
+
+
+def test_more_than_may_wait() -> None:
+    alone = [message(0, 100 * i, size=1 << 20) for i in range(5)]
+    assert frames_of(alone, None) == 0
+    with pytest.raises(RecordingError, match=r"/t0: messages of more than 3 MiB wait .* raise limit_scale"):
+        frames_of(alone, 3 << 20)
