@@ -34,9 +34,8 @@ def combined(
     *,
     definition: str = "",
     field: str = "",
-    order: tuple[int, ...] = (0, 0),
 ) -> RawMessage:
     """One message of all parts, stamped with the time of recording."""
     store = _types(encoding, msgtype, definition or DEFINITIONS[msgtype])
     body = {"header": header(log_time_ns, ""), field or FIELDS[msgtype]: [deserialize(part) for part in parts]}
-    return raw(topic, msgtype, body, log_time_ns, encoding=encoding, order=order, store=store)
+    return raw(topic, msgtype, body, log_time_ns, encoding=encoding, store=store)

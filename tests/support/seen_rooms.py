@@ -21,6 +21,6 @@ def seen(origin: F64, seed: int, *, floor_only: bool = False) -> F64:
     return np.asarray(points[(nearest == 2) & (rays[:, 2] < 0)] if floor_only else points)
 
 
-def placed(points: F64, values: F64, origin: F64 = SECOND) -> F64:
+def placed(points: F64, values: F64) -> F64:
     """The points of a lidar by a calibration that has this error."""
-    return np.asarray((points - origin - values[3:]) @ Rotation.from_rotvec(values[:3]).as_matrix() + origin)
+    return np.asarray((points - SECOND - values[3:]) @ Rotation.from_rotvec(values[:3]).as_matrix() + SECOND)

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lidcam.bags.simulator.world.mesh import Material, Mesh, box, merged, polygon
 from lidcam.bags.simulator.world.motion import FixedPath, Mover, Part, Path, Poses, UprightBox, upright_poses
@@ -35,10 +34,9 @@ class EvenPath:
         return upright_poses(places, self.yaw_rad + self.turn_rad_s * seconds)
 
 
-def fixed_at(position_m: Sequence[float], rpy_deg: Sequence[float] = (0.0, 0.0, 0.0)) -> FixedPath:
+def fixed_at(position_m: Sequence[float]) -> FixedPath:
     """Something that stands still."""
-    turn = Rotation.from_euler("xyz", rpy_deg, degrees=True).as_quat()
-    return FixedPath(Transform.from_quaternion("world", "thing", np.array(position_m, np.float64), turn))
+    return FixedPath(Transform.from_quaternion("world", "thing", position_m, (0, 0, 0, 1)))
 
 
 def wall(x_m: float, material: Material, *, half_m: float = 50.0) -> Mesh:
@@ -54,14 +52,12 @@ def box_mover(
     path: Path,
     size_m: tuple[float, float, float] = (4.0, 2.0, 1.5),
     material: Material = GREY,
-    *,
-    parts: Sequence[tuple[Mesh, Path]] = (),
 ) -> Mover:
-    """A box that stands on the ground at its path's place, or other parts in such a box."""
+    """A box that stands on the ground at its path's place."""
     center = (0.0, 0.0, size_m[2] / 2)
-    own = parts or [(box(center, size_m, material), path)]
-    parts_of_it = tuple(Part(mesh, way) for mesh, way in own)
-    return Mover(name, "car", path, center, size_m, parts_of_it, UprightBox(center, size_m))
+    return Mover(
+        name, "car", path, center, size_m, (Part(box(center, size_m, material), path),), UprightBox(center, size_m)
+    )
 
 
 def scene(meshes: Sequence[Mesh] = (), movers: Sequence[Mover] = ()) -> Scene:

@@ -24,8 +24,6 @@ from lidcam.readers.recording import Loss, ReadOptions
 T0_NS = 1_700_000_000 * 10**9
 ODOMETRY, IMAGE, STAMP = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Image", "builtin_interfaces/msg/Time"
 
-CHUNK_BYTES = {"drive": 5000, "shortest": 150}
-Length = Literal["drive", "shortest"]
 Recovery = Literal["none", "as_needed", "full_scan"]
 
 _CHECKED = "rosbag1-bz2 mcap-none mcap-lz4 mcap-zstd mcap-no-summary mcap-no-message-index mcap-no-chunk-index"
@@ -59,11 +57,11 @@ class SoundRecording:
     told: frozenset[str]
 
 
-def sound_recording(kind: str, length: Length = "drive") -> SoundRecording:
-    """The recording of a kind: a drive of 45 messages, or the shortest that has several chunks."""
+def sound_recording(kind: str) -> SoundRecording:
+    """The recording of a kind: a drive of 45 messages."""
     with TemporaryDirectory(prefix="sound-") as name:
         folder = Path(name)
-        opened = _write(folder, kind, length)
+        opened = _write(folder, kind)
         base = folder / opened
         root = base.parent if base.is_file() else base
         files = {file.name: file.read_bytes() for file in sorted(root.iterdir()) if not file.name.endswith("-shm")}
@@ -91,46 +89,43 @@ def read_all(path: Path, recovery: Recovery) -> tuple[tuple[Seen, ...], tuple[Lo
         return seen, recording.losses + tuple(Loss(path, 0, f"{info.topic}: {info.unreadable}") for info in unreadable)
 
 
-def _messages(encoding: Literal["ros1", "cdr"], length: Length) -> list[RawMessage]:
+def _messages(encoding: Literal["ros1", "cdr"]) -> list[RawMessage]:
     """States, images that no compressor makes smaller, and short messages, not all from the beginning on."""
     noise = np.random.default_rng(5)
     messages = []
-    for i in range(24 if length == "drive" else 8):
+    for i in range(24):
         at = T0_NS + i * 10**8
-        if length == "drive":
-            messages.append(raw("/odom", ODOMETRY, odometry(stamp_ns=at, position=(i, 0, 0)), at, at, encoding))
-            if i % 4 == 0:
-                content = image(noise.integers(0, 255, (14, 30, 3), np.uint8), stamp_ns=at)
-                messages.append(raw("/image", IMAGE, content, at, at + 1, encoding))
-        else:
-            messages.append(raw("/twin", STAMP, time(at), at, at + 1, encoding))
-        if i > (8 if length == "drive" else 3):  # begins in a later chunk
+        messages.append(raw("/odom", ODOMETRY, odometry(stamp_ns=at, position=(i, 0, 0)), at, at, encoding))
+        if i % 4 == 0:
+            content = image(noise.integers(0, 255, (14, 30, 3), np.uint8), stamp_ns=at)
+            messages.append(raw("/image", IMAGE, content, at, at + 1, encoding))
+        if i > 8:  # begins in a later chunk
             messages.append(raw("/tick", STAMP, time(at), at, at + 2, encoding))
     return messages
 
 
-def _write(folder: Path, kind: str, length: Length) -> str:
+def _write(folder: Path, kind: str) -> str:
     """Write a recording; returns what is opened, relative to `folder`."""
     form, _, how = kind.partition("-")
     if form == "rosbag1":
         compression: Any = how
-        write_rosbag1(folder / "rec.bag", _messages("ros1", length), compression, chunk_bytes=CHUNK_BYTES[length])
+        write_rosbag1(folder / "rec.bag", _messages("ros1"), compression, chunk_bytes=5000)
         return "rec.bag"
     if form == "mcap":
-        _write_mcap(folder / "rec.mcap", how, length)
+        _write_mcap(folder / "rec.mcap", how)
         return "rec.mcap"
     if form == "pcap" or form == "pcapng":
-        return _write_capture(folder, form, length)
+        return _write_capture(folder, form)
     options: Any = {"folder-sqlite-message": "message", "folder-sqlite-file": "file", "folder-mcap": "storage"}
     compression = options.get(kind, "none")
-    write_rosbag2(folder / "rec", _messages("cdr", length), "mcap" if how == "mcap" else "sqlite3", compression)
+    write_rosbag2(folder / "rec", _messages("cdr"), "mcap" if how == "mcap" else "sqlite3", compression)
     if form == "folder":
         return "rec"
     (folder / "rec" / "metadata.yaml").unlink()
-    return _write_database(folder / "rec", how, length)
+    return _write_database(folder / "rec", how)
 
 
-def _write_mcap(path: Path, how: str, length: Length) -> None:
+def _write_mcap(path: Path, how: str) -> None:
     compression: Any = how if how in {"none", "lz4", "zstd"} else "none"
     parts_of_summary = "use_statistics", "use_summary_offsets", "repeat_channels", "repeat_schemas"
     every: dict[str, dict[str, Any]] = {
@@ -141,13 +136,12 @@ def _write_mcap(path: Path, how: str, length: Length) -> None:
         "no-chunks": {"use_chunking": False, "enable_data_crcs": True},
         "no-chunks-no-crc": {"use_chunking": False, "enable_crcs": False},
     }
-    write_mcap(path, _messages("cdr", length), compression, chunk_bytes=CHUNK_BYTES[length], **every.get(how, {}))
+    write_mcap(path, _messages("cdr"), compression, chunk_bytes=5000, **every.get(how, {}))
 
 
-def _write_capture(folder: Path, form: str, length: Length) -> str:
-    count = 24 if length == "drive" else 6
-    payload = np.random.default_rng(6).integers(0, 255, (count, 1206), np.uint8)
-    stamps_ns = T0_NS + np.arange(count, dtype=np.int64) * 1_327_000
+def _write_capture(folder: Path, form: str) -> str:
+    payload = np.random.default_rng(6).integers(0, 255, (24, 1206), np.uint8)
+    stamps_ns = T0_NS + np.arange(24, dtype=np.int64) * 1_327_000
     packets = sorted(
         capture_of(payload[::2], stamps_ns[::2]) + capture_of(payload[1::2], stamps_ns[1::2], "192.168.1.202")
     )
@@ -159,7 +153,7 @@ def _write_capture(folder: Path, form: str, length: Length) -> str:
     return "rec.pcapng"
 
 
-def _write_database(folder: Path, how: str, length: Length) -> str:
+def _write_database(folder: Path, how: str) -> str:
     path = folder / "rec.db3"
     if how == "old":  # as ROS 2 Foxy wrote it
         with closing(sqlite3.connect(path)) as database, database:
@@ -168,7 +162,7 @@ def _write_database(folder: Path, how: str, length: Length) -> str:
             database.execute("DROP TABLE metadata")
             database.execute("ALTER TABLE topics DROP COLUMN type_description_hash")
     elif how == "wal":
-        first, step = (21, 5) if length == "drive" else (6, 2)
+        first, step = 21, 5
         with closing(sqlite3.connect(path, isolation_level=None)) as database:
             database.execute("PRAGMA journal_mode=WAL")
             database.execute(f"CREATE TABLE later AS SELECT * FROM messages WHERE id >= {first}")

@@ -63,18 +63,16 @@ def packet_stream(
     return stream
 
 
-def random_packets(
-    name: str, *, mode: int = 0x37, packets: int = 40, start: int = 35_000, turn_hz: float = 10.0, seed: int = 0
-) -> tuple[U8, I64]:
+def random_packets(name: str, *, mode: int = 0x37, packets: int = 40, start: int = 35_000) -> tuple[U8, I64]:
     """Payload (P, 1206) and stamps of packets of one model: any range and reflectivity, a third without return."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     model, dual = MODELS[name], mode == 0x39
     columns = model.columns_dual if dual else model.columns
     per_column = 2 * model.banks if dual else model.banks
     packet_us = columns * model.column_us
     times_us = np.rint(np.arange(packets) * packet_us).astype(np.int64)
     column_us = times_us[:, None] + np.arange(columns) * model.column_us
-    azimuth = (start + np.rint(column_us * turn_hz * 36000e-6)).astype(np.int64) % 36000
+    azimuth = (start + np.rint(column_us * 10.0 * 36000e-6)).astype(np.int64) % 36000
 
     payload = np.full((packets, 1206), 0xFF, np.uint8)
     blocks = payload[:, :1200].reshape(packets, 12, 100)
