@@ -52,7 +52,7 @@ class Config(SettingsModel):
         "sync.policy": "now always approximate_time; other topics join nearest to one in sync.required",
         "sync.age_penalty": _constant(0.1),
         "combine.motion.max_extrapolation_s": _constant(0.2),
-        "combine.motion.max_gap_s": _constant(1.0),
+        "combine.motion.max_gap_s": _constant(1.5),
         "combine.outliers.neighbors": _constant(10),
         "combine.ground.relief": "the ground's relief is always taken into account",
         "combine.ground.iterations": _constant(200),
