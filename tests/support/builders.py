@@ -33,14 +33,8 @@ Encoding = Literal["ros1", "cdr"]
 
 # Packages of types that rosbags does not bring for one ROS version or both; in ROS 1, vision_msgs are as in ROS 2.
 MORE_PACKAGES = (
-    "ffmpeg_image_transport_msgs/",
-    "foxglove_msgs/",
-    "livox_",
-    "ouster_",
-    "point_cloud_interfaces/",
-    "tf2_msgs/",
-    "velodyne_msgs/",
-    "vision_msgs/",
+    *("ffmpeg_image_transport_msgs/", "foxglove_msgs/", "livox_", "ouster_"),
+    *("point_cloud_interfaces/", "tf2_msgs/", "velodyne_msgs/", "vision_msgs/"),
 )
 
 # sensor_msgs/PointField constants.

@@ -45,58 +45,46 @@ def passing(
     start = np.stack([random.uniform(10, 35, tracks), random.uniform(-8, 8, tracks)], 1)
     yaws = random.uniform(-np.pi, np.pi, tracks)
     velocities = random.uniform(2, 9, tracks)[:, None] * np.stack([np.cos(yaws), np.sin(yaws)], 1)
-    return [
-        _seen(np.asarray(values, np.float64), number, start, yaws, velocities, noise, random, speed_m_s, camera)
-        for number in range(frames)
-    ]
+    errors = np.asarray(values, np.float64)
 
+    def seen_at(number: int) -> FrameResult:
+        stamp_ns = START_NS + number * PERIOD_NS
+        image_ns, measured_ns = stamp_ns + 12_000_000, stamp_ns + random.integers(-4, 4, len(start)) * 10_000_000
+        # Where the rig is when the frame has its time, when the image says it was taken, and when it was.
+        ahead_m, image_m = speed_m_s * (number * 0.1 - 2), speed_m_s * (number * 0.1 - 2 + 0.012)
+        taken_m = image_m + speed_m_s * errors[6]
+        on_ground = start + velocities * _since_s(measured_ns)
+        true_xy = start + velocities * (_since_s(np.array([image_ns])) + errors[6])
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(errors[:3]).as_matrix(), errors[3:6]
+        true = Transform("cam", "site", pose @ camera.T_camera_site.matrix)
+        sizes = np.tile(CAR, (len(start), 1))
+        corners = box_corners(np.c_[true_xy - [taken_m, 0], np.full(len(start), -0.8)], sizes, yaws)
+        xyxy = camera.model.project_boxes(true.apply(corners)).astype(np.float64)
+        xyxy += noise * random.normal(0, 1.5, xyxy.shape)
+        shown = np.isfinite(xyxy).all(1)
+        xy = on_ground - [ahead_m, 0] + noise * random.normal(0, 0.05, start.shape)
+        turned = yaws + noise * random.normal(0, 0.01, len(yaws))
+        found = boxes3d(np.c_[xy, np.full(len(xy), -0.8), sizes, turned][shown], deviations=(0.07, 0.07, 0.02))
+        found = replace(found, stamp_ns=stamp_ns, measured_ns=np.asarray(measured_ns[shown], np.int64))
+        n = len(found)
+        rows = np.arange(n)
+        seen = replace(boxes2d(np.c_[xyxy[shown], np.full(n, 0.9), np.zeros(n)]), stamp_ns=image_ns)
+        matched = matches(np.stack([rows, rows], 1), seen.xyxy, overlaps=0.5)
+        tracked = replace(Tracks.none(n), ids=1 + np.flatnonzero(shown), velocities=velocities[shown])
+        moved = np.eye(4)
+        moved[0, 3] = -(image_m - ahead_m)
+        view = replace(camera, T_camera_site=camera.T_camera_site @ Transform("site", "site", moved))
+        return replace(
+            EMPTY,
+            bundle=replace(EMPTY.bundle, index=number, stamp_ns=stamp_ns, motion=_motion(stamp_ns, speed_m_s)),
+            detections=Detections(found, {"cam": seen}),
+            views={"cam": view},
+            hypotheses=Hypotheses(found, {"cam": matched}, n),
+            fused=Fused(found, np.ones(n, np.int32), rows, tracks=tracked),
+        )
 
-def _seen(
-    values: F64,
-    number: int,
-    start: F64,
-    yaws: F64,
-    velocities: F64,
-    noise: float,
-    random: np.random.Generator,
-    speed_m_s: float,
-    camera: CameraSensor,
-) -> FrameResult:
-    stamp_ns = START_NS + number * PERIOD_NS
-    image_ns, measured_ns = stamp_ns + 12_000_000, stamp_ns + random.integers(-4, 4, len(start)) * 10_000_000
-    # Where the rig is when the frame has its time, when the image says it was taken, and when it was.
-    ahead_m, image_m = speed_m_s * (number * 0.1 - 2), speed_m_s * (number * 0.1 - 2 + 0.012)
-    taken_m = image_m + speed_m_s * values[6]
-    on_ground = start + velocities * _since_s(measured_ns)
-    true_xy = start + velocities * (_since_s(np.array([image_ns])) + values[6])
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(values[:3]).as_matrix(), values[3:6]
-    true = Transform("cam", "site", pose @ camera.T_camera_site.matrix)
-    sizes = np.tile(CAR, (len(start), 1))
-    corners = box_corners(np.c_[true_xy - [taken_m, 0], np.full(len(start), -0.8)], sizes, yaws)
-    xyxy = camera.model.project_boxes(true.apply(corners)).astype(np.float64)
-    xyxy += noise * random.normal(0, 1.5, xyxy.shape)
-    shown = np.isfinite(xyxy).all(1)
-    xy = on_ground - [ahead_m, 0] + noise * random.normal(0, 0.05, start.shape)
-    turned = yaws + noise * random.normal(0, 0.01, len(yaws))
-    found = boxes3d(np.c_[xy, np.full(len(xy), -0.8), sizes, turned][shown], deviations=(0.07, 0.07, 0.02))
-    found = replace(found, stamp_ns=stamp_ns, measured_ns=np.asarray(measured_ns[shown], np.int64))
-    n = len(found)
-    rows = np.arange(n)
-    seen = replace(boxes2d(np.c_[xyxy[shown], np.full(n, 0.9), np.zeros(n)]), stamp_ns=image_ns)
-    matched = matches(np.stack([rows, rows], 1), seen.xyxy, overlaps=0.5)
-    tracked = replace(Tracks.none(n), ids=1 + np.flatnonzero(shown), velocities=velocities[shown])
-    moved = np.eye(4)
-    moved[0, 3] = -(image_m - ahead_m)
-    view = replace(camera, T_camera_site=camera.T_camera_site @ Transform("site", "site", moved))
-    return replace(
-        EMPTY,
-        bundle=replace(EMPTY.bundle, index=number, stamp_ns=stamp_ns, motion=_motion(stamp_ns, speed_m_s)),
-        detections=Detections(found, {"cam": seen}),
-        views={"cam": view},
-        hypotheses=Hypotheses(found, {"cam": matched}, n),
-        fused=Fused(found, np.ones(n, np.int32), rows, tracks=tracked),
-    )
+    return [seen_at(number) for number in range(frames)]
 
 
 def _motion(stamp_ns: int, speed_m_s: float) -> PoseSamples | None:

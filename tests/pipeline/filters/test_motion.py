@@ -1,4 +1,4 @@
-"""Points within range, moved, and moved each in its time."""
+"""Points moved, each in its time."""
 
 import numpy as np
 import pytest
@@ -90,6 +90,3 @@ def test_covers(stamps_ms: tuple[int, ...], span_ms: tuple[int, int], expected: 
     span_ns = STAMP_NS + first_ms * MS, STAMP_NS + last_ms * MS
     found = samples.covers(*span_ns)
     assert found is expected
-
-
-# --- single passes

@@ -147,7 +147,7 @@ def test_another_engine_needs_no_change_of_the_stage(monkeypatch: pytest.MonkeyP
     assert boxes.measured_ns.tolist() == [8, 10, 7]
 
 
-# --- real clouds
+# --- boxes that detectors recorded
 
 
 RIG = Rig(
