@@ -1,8 +1,12 @@
 """What several tests share."""
 
+import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from lidcam.pipeline.core.arrays import F32, F64
 
 CLUSTERS = "detect3d.method=cluster"
 """The setting of runs that do not test detection: the network of the default takes longer than all the rest."""
@@ -15,3 +19,13 @@ def shared(path: str) -> Path:
         if candidate.exists():
             return candidate
     pytest.skip(f"needs shared/{path} beside the checkout")
+
+
+def oracle_cloud(scene: str) -> tuple[F32, F64]:
+    """The combined cloud of the predecessor system, lidars shifted in float32, and their origins."""
+    folder = shared(f"oracles/combiner/{scene}")
+    offsets = np.array(json.loads((folder / "scene.json").read_text())["offsets"])
+    names = ("lidar11", "lidar12", "lidar2")
+    parts = [np.fromfile(folder / f"{name}.bin", "<f4").reshape(-1, 4)[:, :3] for name in names]
+    shifted = [part + offset.astype(np.float32) for part, offset in zip(parts, offsets, strict=True)]
+    return np.concatenate(shifted), offsets

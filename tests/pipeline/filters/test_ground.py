@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from helpers import shared
+from helpers import oracle_cloud, shared
 
 from lidcam.pipeline.core.arrays import F32, F64
 from lidcam.pipeline.core.clouds import Plane
@@ -51,11 +51,7 @@ def kitti(path: str) -> F32:
 
 def oracle_kept(scene: str) -> tuple[F32, F64, dict[str, Any]]:
     """What PCL's outlier removal kept, the lidars' origins, and PCL's plane of it."""
-    folder = shared(f"oracles/combiner/{scene}")
-    offsets = np.array(json.loads((folder / "scene.json").read_text())["offsets"])
-    names = ("lidar11", "lidar12", "lidar2")
-    parts = [np.fromfile(folder / f"{name}.bin", "<f4").reshape(-1, 4)[:, :3] for name in names]
-    cloud = np.concatenate([part + offset.astype(np.float32) for part, offset in zip(parts, offsets, strict=True)])
+    folder, (cloud, offsets) = shared(f"oracles/combiner/{scene}"), oracle_cloud(scene)
     kept = cloud[np.fromfile(folder / "sor_kept.bin", "<i4")]
     return kept[np.isfinite(kept).all(axis=1)], offsets, json.loads((folder / "plane.json").read_text())
 

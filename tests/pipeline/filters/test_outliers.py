@@ -1,9 +1,8 @@
-import json
 from collections.abc import Callable
 
 import numpy as np
 import pytest
-from helpers import shared
+from helpers import oracle_cloud, shared
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -16,19 +15,9 @@ from lidcam.pipeline.native.kernels import mean_neighbor_distance_m
 SCENES = ("odd_cloud2_small", "odd_dups", "odd_nan", "odd_tiny", "s10k_0", "s10k_1", "s30k_0")
 
 
-def oracle_cloud(scene: str) -> F32:
-    """The combined cloud of the predecessor system: lidars shifted in float32, lidar11 before lidar12 and lidar2."""
-    folder = shared(f"oracles/combiner/{scene}")
-    offsets = json.loads((folder / "scene.json").read_text())["offsets"]
-    names = ("lidar11", "lidar12", "lidar2")
-    parts = [np.fromfile(folder / f"{name}.bin", "<f4").reshape(-1, 4)[:, :3] for name in names]
-    shifted = [part + np.array(offset, np.float32) for part, offset in zip(parts, offsets, strict=True)]
-    return np.concatenate(shifted)
-
-
 @pytest.mark.parametrize("scene", SCENES)
 def test_keeps_exactly_what_pcl_keeps(scene: str) -> None:
-    cloud = oracle_cloud(scene)
+    cloud, _ = oracle_cloud(scene)
     finite = np.flatnonzero(np.isfinite(cloud).all(axis=1))
     kept_by_pcl = np.fromfile(shared(f"oracles/combiner/{scene}/sor_kept.bin"), "<i4")
 

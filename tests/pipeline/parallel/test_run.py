@@ -63,13 +63,9 @@ def run(
             Limits(workers, frames),
             make_graph=make,
             expected=9,
-            needed=partial(_as_view),
+            needed=lambda frame: replace(frame, data=memoryview(frame.data)),
             started=started,
         )
-
-
-def _as_view(frame: Frame) -> Frame:
-    return replace(frame, data=memoryview(frame.data))
 
 
 @ways

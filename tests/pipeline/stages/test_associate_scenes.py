@@ -183,11 +183,8 @@ def measured(truth: Boxes3D, seed: int) -> Boxes3D:
     random = np.random.default_rng(seed)
     noise = random.normal(0, 1, (len(truth), 3)) * [0.1, 0.1, 0.1]
     moved = np.column_stack([truth.centers[:, :2] + noise[:, :2], truth.centers[:, 2]])
-    return replace(truth, centers=moved, yaws=truth.yaws + noise[:, 2] * 0.9, covariances=_covariances(len(truth)))
-
-
-def _covariances(count: int) -> F64:
-    return np.tile(np.diag([0.01, 0.01, 0.01]), (count, 1, 1))
+    covariances = np.tile(np.diag([0.01, 0.01, 0.01]), (len(truth), 1, 1))
+    return replace(truth, centers=moved, yaws=truth.yaws + noise[:, 2] * 0.9, covariances=covariances)
 
 
 def test_a_camera_that_looks_two_degrees_aside() -> None:

@@ -61,7 +61,8 @@ def test_scenes_of_the_original(deviations: tuple[float, float, float] | None, m
     by_noise: dict[tuple[float, float], list[F64]] = {}
     for scene in scenes:
         if deviations:
-            scene = with_deviations(scene, deviations)
+            covariances = np.tile(np.diag(np.square(deviations)), (len(scene.lidar), 1, 1))
+            scene = replace(scene, lidar=replace(scene.lidar, covariances=covariances))
         found = refined(rig, scene, {"pixel_sigma_px": 3.0})
         before, after = errors(scene.lidar, scene.truth), errors(found, scene.truth)
         table = np.column_stack([place(before), heading(before), place(after), heading(after)])
@@ -75,11 +76,6 @@ def test_scenes_of_the_original(deviations: tuple[float, float, float] | None, m
     for table in tables:
         assert table[:, 2].mean() <= table[:, 0].mean()
         assert table[:, 3].mean() <= table[:, 1].mean()
-
-
-def with_deviations(scene: FusionScene, deviations: tuple[float, float, float]) -> FusionScene:
-    covariances = np.tile(np.diag(np.square(deviations)), (len(scene.lidar), 1, 1))
-    return replace(scene, lidar=replace(scene.lidar, covariances=covariances))
 
 
 def test_covariances_of_the_scenes_are_honest() -> None:

@@ -36,18 +36,15 @@ def motion(*times_ms: float, speed_m_s: float = 20.0, yaw_rate: float = 0.0) -> 
     return PoseSamples("site", "map", stamps_ns, poses)
 
 
-def bundle(late_ms: Mapping[str, float], known: PoseSamples | None) -> SensorBundle:
+def views(
+    late_ms: Mapping[str, float], known: PoseSamples | None, rig: Rig = RIG, **settings: Any
+) -> Mapping[str, Any]:
     messages = {
         topic: RawMessage(STAMP_NS + round(ms * MS), 0, (0, 0), b"", Channel(topic, "sensor_msgs/msg/Image", "cdr"))
         for topic, ms in late_ms.items()
     }
-    return SensorBundle(0, STAMP_NS, 0, messages, known)
-
-
-def views(
-    late_ms: Mapping[str, float], known: PoseSamples | None, rig: Rig = RIG, **settings: Any
-) -> Mapping[str, Any]:
-    return Views(rig, MotionConfig.model_validate(settings))(bundle(late_ms, known))
+    bundle = SensorBundle(0, STAMP_NS, 0, messages, known)
+    return Views(rig, MotionConfig.model_validate(settings))(bundle)
 
 
 def test_a_late_image_was_taken_further_on() -> None:
