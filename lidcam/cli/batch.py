@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Unpack
 
 import typer
 
-from lidcam.cli.options import AsJson, with_job_options, with_log_options
+from lidcam.cli.options import AsJson, option, with_job_options, with_log_options
 from lidcam.cli.printing.log import is_verbose, remark_log
 from lidcam.cli.verdict import Verdict
 from lidcam.readers.location import location
@@ -36,26 +36,22 @@ def batch(
             "per line.",
         ),
     ],
-    out: Annotated[
-        str, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results; may be s3://bucket/folder.")
-    ],
+    out: Annotated[str, option("Folder for the results; may be s3://bucket/folder.", "--out", "-o", metavar="DIR")],
     jobs: Annotated[
-        int | None,
-        typer.Option(min=1, metavar="N", help="Recordings at once. Default: as many as cores and memory allow."),
+        int | None, option("Recordings at once. Default: as many as cores and memory allow.", metavar="N", min=1)
     ] = None,
     engine: Annotated[
-        Literal["local", "ray"], typer.Option(help="Processes on this machine, or Ray tasks (extra ray).")
+        Literal["local", "ray"], option("Processes on this machine, or Ray tasks (extra ray).")
     ] = "local",
     address: Annotated[
-        str | None,
-        typer.Option(metavar="HOST:PORT", help="Ray cluster address, or `auto`. Default: start Ray on this machine."),
+        str | None, option("Ray cluster address, or `auto`. Default: start Ray on this machine.", metavar="HOST:PORT")
     ] = None,
-    rerun: Annotated[bool, typer.Option("--rerun", help="Also write Rerun recordings.")] = False,
-    report: Annotated[bool, typer.Option("--report", help="Also write pages about the results.")] = False,
-    objects: Annotated[bool, typer.Option("--objects", help="Also write Parquet tables of the objects.")] = False,
-    video: Annotated[bool, typer.Option("--video", help="Also write films (extra video).")] = False,
+    rerun: Annotated[bool, option("Also write Rerun recordings.", "--rerun")] = False,
+    report: Annotated[bool, option("Also write pages about the results.", "--report")] = False,
+    objects: Annotated[bool, option("Also write Parquet tables of the objects.", "--objects")] = False,
+    video: Annotated[bool, option("Also write films (extra video).", "--video")] = False,
     reprocess: Annotated[
-        bool, typer.Option("--overwrite", help="Reprocess results that are up to date, and overwrite other files.")
+        bool, option("Reprocess results that are up to date, and overwrite other files.", "--overwrite")
     ] = False,
     as_json: AsJson = False,
     **options: Unpack[SharedOptions],

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from lidcam.cli.options import AsJson, JsonFile, Overwrite, with_log_options
+from lidcam.cli.options import AsJson, JsonFile, Overwrite, option, with_log_options
 from lidcam.cli.verdict import Verdict
 from lidcam.evaluation.allowed import AllowedDifference
 
@@ -28,32 +28,26 @@ def compare(
     second: Annotated[Path, typer.Argument(metavar="B.mcap", help="Another result of the same recording or scene.")],
     only: Annotated[
         list[str] | None,
-        typer.Option(
-            "--only",
-            metavar="NAME",
-            help="Source (fused, lidar, cameras) or camera to compare; default: all. May be repeated.",
-        ),
+        option("Source (fused, lidar, cameras) or camera to compare; default: all. May be repeated.", metavar="NAME"),
     ] = None,
     allow: Annotated[
         list[AllowedDifference] | None,
-        typer.Option(
-            "--allow",
-            metavar="KIND",
-            help="Kind of difference to allow, by any amount: lost, new, moved, turned, resized, relabelled, rescored, "
+        option(
+            "Kind of difference to allow, by any amount: lost, new, moved, turned, resized, relabelled, rescored, "
             "reidentified (objects) or frames (of one result alone). May be repeated.",
+            metavar="KIND",
         ),
     ] = None,
     max_different: Annotated[
         float,
-        typer.Option(
-            "--max-different",
+        option(
+            "Share of objects (per source or camera) and of frames allowed to differ.",
+            metavar="PERCENT",
             min=0,
             max=100,
-            metavar="PERCENT",
-            help="Share of objects (per source or camera) and of frames allowed to differ.",
         ),
     ] = 0.0,
-    lines: Annotated[int, typer.Option("--lines", min=0, metavar="N", help="Number of differences to print.")] = 10,
+    lines: Annotated[int, option("Number of differences to print.", metavar="N", min=0)] = 10,
     as_json: AsJson = False,
     json_file: JsonFile = None,
     overwrite: Overwrite = False,

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from lidcam.cli.options import AsJson, GroupedCommand, with_log_options
+from lidcam.cli.options import AsJson, GroupedCommand, option, with_log_options
 from lidcam.cli.printing.escaping import visible_lines
 
 CONFIG_EXAMPLES = """\b
@@ -43,7 +43,7 @@ def config_list(as_json: AsJson = False) -> None:
 @with_log_options
 def config_show(
     name: Annotated[str, typer.Argument(metavar="PRESET|FILE", help="sandbox, crossing, road, or a YAML file.")],
-    changes: Annotated[bool, typer.Option("--changes", help="Only differences from the defaults.")] = False,
+    changes: Annotated[bool, option("Only differences from the defaults.", "--changes")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Print all settings of a preset or a file, as YAML to copy."""

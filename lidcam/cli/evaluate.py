@@ -12,6 +12,7 @@ from lidcam.cli.options import (
     Require,
     Setting,
     Truth,
+    option,
     requirement_errors,
     with_log_options,
 )
@@ -38,18 +39,16 @@ def evaluate(
     result: Annotated[Path, typer.Argument(metavar="RESULT.mcap", help="What `lidcam process` wrote.")],
     truth: Truth = None,
     truth_topic: Annotated[
-        str, typer.Option(metavar="TOPIC", help="Ground-truth topic. Default: found by name.", show_default=False)
+        str, option("Ground-truth topic. Default: found by name.", metavar="TOPIC", show_default=False)
     ] = "",
     requirements: Require = None,
     rig_files: Annotated[
         list[str] | None,
-        typer.Option(
-            "--rig", metavar="FILE", help="Rig file to take zones and ground-truth vehicles from. May be repeated."
-        ),
+        option("Rig file to take zones and ground-truth vehicles from. May be repeated.", "--rig", metavar="FILE"),
     ] = None,
     settings: Setting = None,
     everything: Annotated[
-        bool, typer.Option("--all", help="Print all tables: each source, errors, tracks, gain, worst errors.")
+        bool, option("Print all tables: each source, errors, tracks, gain, worst errors.", "--all")
     ] = False,
     as_json: AsJson = False,
     json_file: JsonFile = None,

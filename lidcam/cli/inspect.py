@@ -13,6 +13,7 @@ from lidcam.cli.options import (
     OUTPUTS,
     AsJson,
     Require,
+    option,
     output_option,
     requirement_errors,
     with_job_options,
@@ -53,16 +54,14 @@ Examples:
 @with_job_options("config", "settings", "rig", "model_2d", "model_3d", "device", "overwrite")
 def inspect(
     paths: Annotated[list[str], typer.Argument(metavar="IN [IN ...]", help="Recording, or the parts of one.")],
-    write_rig: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a draft rig (YAML).", rich_help_panel=OUTPUTS)
-    ] = None,
+    write_rig: Annotated[Path | None, option("Write a draft rig (YAML).", metavar="FILE", group=OUTPUTS)] = None,
     repair: Annotated[Path | None, output_option("Write all readable messages to a clean MCAP.", ".mcap")] = None,
     check: Annotated[
         bool,
-        typer.Option(
+        option(
+            "Process the whole recording to check poses and clocks; --write-rig corrects them.",
             "--check",
-            help="Process the whole recording to check poses and clocks; --write-rig corrects them.",
-            rich_help_panel=CHECKING,
+            group=CHECKING,
         ),
     ] = False,
     requirements: Require = None,

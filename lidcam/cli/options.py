@@ -96,10 +96,14 @@ def ends_in(*endings: str) -> Callable[[T | None], T | None]:
     return check
 
 
+def option(text: str, *names: str, group: str | None = None, **more: Any) -> Any:
+    """An option with its help, which is listed under the heading `group`; it is called as its parameter, or so."""
+    return typer.Option(*names, help=text, rich_help_panel=group, **more)
+
+
 def output_option(text: str, *endings: str, name: str = "OUT") -> Any:
     """An option that names an output with one of these endings."""
-    metavar = "|".join(f"{name}{one}" for one in endings)
-    return typer.Option(metavar=metavar, callback=ends_in(*endings), help=text, rich_help_panel=OUTPUTS)
+    return option(text, metavar="|".join(f"{name}{one}" for one in endings), callback=ends_in(*endings), group=OUTPUTS)
 
 
 @contextmanager
@@ -123,9 +127,7 @@ def job_option(name: str) -> Any:
     """The command-line option of a keyword of `JobOptions`."""
     cli = JobOptions.__annotations__[name].__metadata__[0]
     text = OPTION_DOCS[name] + " May be repeated." * (cli.type == list[str])
-    return typer.Option(
-        cli.name, metavar=cli.metavar, min=cli.minimum, callback=CHECKS.get(name), help=text, rich_help_panel=cli.group
-    )
+    return option(text, cli.name, metavar=cli.metavar, min=cli.minimum, callback=CHECKS.get(name), group=cli.group)
 
 
 def with_job_options(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -213,48 +215,43 @@ def _scenarios(incomplete: str) -> list[str]:
     return [name for name in scenario_names() if name.startswith(incomplete)]
 
 
-Version = Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")]
+Version = Annotated[bool, option("Print the version.", "--version", callback=_version, is_eager=True)]
 Setting = Annotated[list[str] | None, job_option("settings")]
 Overwrite = Annotated[bool, job_option("overwrite")]
-AsJson = Annotated[
-    bool, typer.Option("--json", help="Print the result as JSON instead of tables.", rich_help_panel=SCREEN)
-]
+AsJson = Annotated[bool, option("Print the result as JSON instead of tables.", "--json", group=SCREEN)]
 JsonFile = Annotated[Path | None, output_option("Also write the result as JSON.", ".json", name="FILE")]
 Require = Annotated[
     list[str] | None,
-    typer.Option(
+    option(
+        "Exit with code 1 if a requirement is not met; @FILE lists one per line. May be repeated.",
         "--require",
         metavar='"FIGURE >= N"',
-        help="Exit with code 1 if a requirement is not met; @FILE lists one per line. May be repeated.",
-        rich_help_panel=CHECKING,
+        group=CHECKING,
     ),
 ]
 Scenario = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="Name of a scenario, or a YAML file.", autocompletion=_scenarios)
 ]
 RecordingOut = Annotated[Path, typer.Argument(metavar="OUT", help="OUT.bag (ROS 1) or OUT.mcap (ROS 2).")]
-Verbose = Annotated[
-    bool,
-    typer.Option("--verbose", "-v", help="Print all tables, and log every frame to stderr.", rich_help_panel=SCREEN),
-]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print only errors and the result.", rich_help_panel=SCREEN)]
+Verbose = Annotated[bool, option("Print all tables, and log every frame to stderr.", "--verbose", "-v", group=SCREEN)]
+Quiet = Annotated[bool, option("Print only errors and the result.", "--quiet", "-q", group=SCREEN)]
 LogFile = Annotated[
     Path | None,
     # Lines are appended: to no recording by mistake.
-    typer.Option(
+    option(
+        "Append the full log, with UTC times.",
         "--log-file",
         metavar="FILE",
         callback=ends_in(".log", ".txt"),
-        help="Append the full log, with UTC times.",
-        rich_help_panel=SCREEN,
+        group=SCREEN,
     ),
 ]
 Truth = Annotated[
     list[str] | None,
-    typer.Option(
-        metavar="PATH",
-        help="Ground truth: a recording with truth topics, or labels. Default: the topics copied into the result. May "
+    option(
+        "Ground truth: a recording with truth topics, or labels. Default: the topics copied into the result. May "
         "be repeated.",
+        metavar="PATH",
     ),
 ]
-Seed = Annotated[int | None, typer.Option(min=0, metavar="N", help="Seed of the noise. Default: the scenario's.")]
+Seed = Annotated[int | None, option("Seed of the noise. Default: the scenario's.", metavar="N", min=0)]

@@ -19,6 +19,7 @@ from lidcam.cli.options import (
     AsJson,
     JsonFile,
     Version,
+    option,
     output_option,
     with_job_options,
     with_log_options,
@@ -67,13 +68,7 @@ def process(
     ],
     out: Annotated[
         str | None,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="DIR|OUT.mcap",
-            help="Folder or file to write the result to.",
-            rich_help_panel=OUTPUTS,
-        ),
+        option("Folder or file to write the result to.", "--out", "-o", metavar="DIR|OUT.mcap", group=OUTPUTS),
     ] = None,
     rerun: Annotated[str | None, output_option("Also write a Rerun recording.", *endings_of("--rerun"))] = None,
     objects: Annotated[
@@ -87,30 +82,21 @@ def process(
     ] = None,
     print_detections: Annotated[
         bool,
-        typer.Option(
-            "--print-detections",
-            help="Print each frame's detections by sensor, and the fused objects.",
-            rich_help_panel=SCREEN,
-        ),
+        option("Print each frame's detections by sensor, and the fused objects.", "--print-detections", group=SCREEN),
     ] = False,
     print_matches: Annotated[
-        bool,
-        typer.Option(
-            "--print-matches", help="Print each frame's matches between 2D boxes and objects.", rich_help_panel=SCREEN
-        ),
+        bool, option("Print each frame's matches between 2D boxes and objects.", "--print-matches", group=SCREEN)
     ] = False,
-    units: Annotated[
-        Units, typer.Option("--units", help="Unit of speeds on the screen.", rich_help_panel=SCREEN)
-    ] = "km/h",
+    units: Annotated[Units, option("Unit of speeds on the screen.", group=SCREEN)] = "km/h",
     as_json: AsJson = False,
     json_file: JsonFile = None,
     strict: Annotated[
         bool,
-        typer.Option(
-            "--strict",
-            help="Exit with code 1 if a sensor is left out, a file is damaged, or more than 5 % of a sensor's frames "
+        option(
+            "Exit with code 1 if a sensor is left out, a file is damaged, or more than 5 % of a sensor's frames "
             "or a topic's messages are missing; outputs are kept.",
-            rich_help_panel=CHECKING,
+            "--strict",
+            group=CHECKING,
         ),
     ] = False,
     _: Version = False,

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from lidcam.cli.options import Overwrite, Truth, output_option, with_log_options
+from lidcam.cli.options import Overwrite, Truth, option, output_option, with_log_options
 from lidcam.cli.printing.log import remark_log
 from lidcam.cli.verdict import Verdict
 from lidcam.outputs.registry import DatasetFormat, output_of
@@ -48,17 +48,15 @@ Examples:
 @with_log_options
 def export(
     results: Annotated[list[Path], typer.Argument(metavar="RESULT.mcap...", help="What `lidcam process` wrote.")],
-    format_name: Annotated[DatasetFormat, typer.Option("--format", help="Layout of the data set.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Output folder; must be empty or not exist.")],
-    only: Annotated[
-        Literal["confirmed"] | None, typer.Option("--only", help="Only objects that a camera confirms.")
-    ] = None,
-    every: Annotated[int, typer.Option("--every", min=1, metavar="N", help="Every Nth frame only.")] = 1,
+    format_name: Annotated[DatasetFormat, option("Layout of the data set.", "--format")],
+    out: Annotated[Path, option("Output folder; must be empty or not exist.", "--out", "-o", metavar="DIR")],
+    only: Annotated[Literal["confirmed"] | None, option("Only objects that a camera confirms.")] = None,
+    every: Annotated[int, option("Every Nth frame only.", metavar="N", min=1)] = 1,
     camera: Annotated[
         str,
-        typer.Option(
+        option(
+            "The camera of KITTI's image_2 (default: the first with images), or the only one of coco and yolo.",
             metavar="NAME",
-            help="The camera of KITTI's image_2 (default: the first with images), or the only one of coco and yolo.",
             show_default=False,
         ),
     ] = "",

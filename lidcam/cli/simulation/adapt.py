@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Unpack
 
 import typer
 
-from lidcam.cli.options import Overwrite, with_log_options
+from lidcam.cli.options import Overwrite, option, with_log_options
 from lidcam.cli.printing.log import remark_log
 from lidcam.cli.simulation.train import READING, NetworkOut, Resume, Seed, check_training, read, train_network
 from lidcam.pipeline.core.errors import ConfigError, LidcamError
@@ -37,7 +37,7 @@ def adapt(
         typer.Argument(metavar="RECORDING...", help="Recordings of the sensors and places that the network is for."),
     ],
     out: NetworkOut,
-    steps: Annotated[int, typer.Option(min=1, metavar="N", help="Total number of steps, of four sweeps each.")] = 800,
+    steps: Annotated[int, option("Total number of steps, of four sweeps each.", metavar="N", min=1)] = 800,
     seed: Seed = 0,
     resume: Resume = False,
     overwrite: Overwrite = False,

@@ -5,9 +5,7 @@ import logging
 import sys
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from lidcam.cli.options import Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
+from lidcam.cli.options import Overwrite, RecordingOut, Scenario, Seed, Setting, duration, option, with_log_options
 from lidcam.cli.printing.escaping import visible
 from lidcam.cli.printing.log import progress_log
 from lidcam.cli.simulation.simulate import log_recording
@@ -34,15 +32,12 @@ def drive(
     scenario: Scenario,
     output: RecordingOut,
     keys: Annotated[
-        str | None, typer.Option(metavar="KEYS", help="Press these keys, as fast as the simulation runs, and exit.")
+        str | None, option("Press these keys, as fast as the simulation runs, and exit.", metavar="KEYS")
     ] = None,
-    key_interval: Annotated[
-        float, typer.Option(min=0.01, max=60, metavar="S", help="Simulated seconds between --keys.")
-    ] = 0.5,
-    view: Annotated[bool, typer.Option("--view", help="Show the drive in the Rerun viewer.")] = False,
+    key_interval: Annotated[float, option("Simulated seconds between --keys.", metavar="S", min=0.01, max=60)] = 0.5,
+    view: Annotated[bool, option("Show the drive in the Rerun viewer.", "--view")] = False,
     duration_s: Annotated[
-        float | None,
-        typer.Option("--duration", min=0, metavar="S", callback=duration, help="End after S simulated seconds."),
+        float | None, option("End after S simulated seconds.", "--duration", metavar="S", min=0, callback=duration)
     ] = None,
     seed: Seed = None,
     settings: Setting = None,

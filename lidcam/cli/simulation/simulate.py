@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from lidcam.cli.options import Overwrite, RecordingOut, Scenario, Seed, Setting, duration, with_log_options
+from lidcam.cli.options import Overwrite, RecordingOut, Scenario, Seed, Setting, duration, option, with_log_options
 from lidcam.cli.printing.log import remark_log
 
 SIMULATE_EXAMPLES = """\
@@ -36,28 +36,24 @@ def simulate(
     output: RecordingOut,
     duration_s: Annotated[
         float | None,
-        typer.Option(
-            "--duration", min=0, metavar="S", callback=duration, help="Seconds to record. Default: the scenario's."
-        ),
+        option("Seconds to record. Default: the scenario's.", "--duration", metavar="S", min=0, callback=duration),
     ] = None,
     seed: Seed = None,
     family: Annotated[
         Literal["sandbox", "crossing", "road"] | None,
-        typer.Option("--family", help="Family of worlds that `random` draws from. Default: road."),
+        option("Family of worlds that `random` draws from. Default: road."),
     ] = None,
     errors: Annotated[
         bool | None,
-        typer.Option("--errors/--exact", help="Sensors with small errors, or none. Default: errors for `random` only."),
+        option("Sensors with small errors, or none. Default: errors for `random` only.", "--errors/--exact"),
     ] = None,
     settings: Setting = None,
     overwrite: Overwrite = False,
     shown: Annotated[  # noqa: ARG001, its callback ends the command
-        str | None,
-        typer.Option("--show", metavar="NAME", callback=_show, is_eager=True, help="Print a scenario as YAML to copy."),
+        str | None, option("Print a scenario as YAML to copy.", "--show", metavar="NAME", callback=_show, is_eager=True)
     ] = None,
     workers: Annotated[
-        int | None,
-        typer.Option(min=1, metavar="N", help="Sensors simulated at once; same recording. Default: one per core."),
+        int | None, option("Sensors simulated at once; same recording. Default: one per core.", metavar="N", min=1)
     ] = None,
 ) -> None:
     """Record a simulated scene: lidars, cameras, and ground truth."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Unpack
 
 import typer
 
-from lidcam.cli.options import GroupedCommand, Overwrite, ends_in, with_job_options, with_log_options
+from lidcam.cli.options import GroupedCommand, Overwrite, ends_in, option, with_job_options, with_log_options
 from lidcam.pipeline.core.errors import ConfigError, LidcamError, OutputError
 from lidcam.run.options import SharedOptions
 
@@ -23,23 +23,21 @@ train_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
 Recordings = Annotated[
     list[str] | None,
-    typer.Option(
+    option(
+        "Recording with ground-truth topics to learn from; may be repeated. With --family: half of the scenes.",
         "--recordings",
         metavar="RECORDING",
-        help="Recording with ground-truth topics to learn from; may be repeated. With --family: half of the scenes.",
     ),
 ]
-Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Random seed: the number of the first world.")]
-Resume = Annotated[
-    bool, typer.Option("--resume", help="Continue from FILE.ckpt if it exists; steps and recordings may change.")
-]
+Seed = Annotated[int, option("Random seed: the number of the first world.", metavar="N", min=0)]
+Resume = Annotated[bool, option("Continue from FILE.ckpt if it exists; steps and recordings may change.", "--resume")]
 NetworkOut = Annotated[
     Path,
-    typer.Option(
+    option(
+        "The network; FILE.md beside it is its card, FILE.ckpt the state of the training.",
         "--out",
         metavar="FILE.onnx",
         callback=ends_in(".onnx"),
-        help="The network; FILE.md beside it is its card, FILE.ckpt the state of the training.",
     ),
 ]
 READING = with_job_options("config", "settings", "rig", "workers")
@@ -79,22 +77,14 @@ def _train() -> None:
 @READING
 def clusters(
     out: Annotated[
-        Path,
-        typer.Option(
-            "--out", metavar="FILE.npz", callback=ends_in(".npz"), help="The weights; FILE.md beside it is their card."
-        ),
+        Path, option("The weights; FILE.md beside it is their card.", metavar="FILE.npz", callback=ends_in(".npz"))
     ],
     family: Annotated[
         Literal["road", "crossing", "all"] | None,
-        typer.Option(
-            "--family", help=f"Worlds to learn from: lidars on a car, on masts at a crossing, or both. {DEFAULT_FAMILY}"
-        ),
+        option(f"Worlds to learn from: lidars on a car, on masts at a crossing, or both. {DEFAULT_FAMILY}"),
     ] = None,
     worlds: Annotated[
-        int,
-        typer.Option(
-            min=20, metavar="N", help="Worlds per family, of four sweeps each; recordings count as one family."
-        ),
+        int, option("Worlds per family, of four sweeps each; recordings count as one family.", metavar="N", min=20)
     ] = 300,
     recordings: Recordings = None,
     seed: Seed = 0,
@@ -131,31 +121,26 @@ def clusters(
 @READING
 def pillars(
     out: NetworkOut,
-    steps: Annotated[int, typer.Option(min=1, metavar="N", help="Total number of steps, of four sweeps each.")],
+    steps: Annotated[int, option("Total number of steps, of four sweeps each.", metavar="N", min=1)],
     family: Annotated[
         Literal["road", "crossing", "all", "sandbox"] | None,
-        typer.Option(
-            "--family",
-            help="Worlds to learn from: a lidar on a car, on a mast at a crossing, either, at a table. "
-            f"{DEFAULT_FAMILY}",
+        option(
+            f"Worlds to learn from: a lidar on a car, on a mast at a crossing, either, at a table. {DEFAULT_FAMILY}"
         ),
     ] = None,
     recordings: Recordings = None,
     seed: Seed = 0,
     begin: Annotated[
         str,
-        typer.Option(
+        option(
+            "Network to start from: traffic, sandbox, a FILE.onnx that this command wrote, or none. "
+            "[default: the bundled one with --recordings, else none]",
             "--from",
             metavar="NAME",
-            help="Network to start from: traffic, sandbox, a FILE.onnx that this command wrote, or none. "
-            "[default: the bundled one with --recordings, else none]",
         ),
     ] = "",
     bfloat16: Annotated[
-        bool,
-        typer.Option(
-            "--bfloat16", help="Train in bfloat16: twice as fast on CPUs that support it (AVX-512 BF16, AMX)."
-        ),
+        bool, option("Train in bfloat16: twice as fast on CPUs that support it (AVX-512 BF16, AMX).", "--bfloat16")
     ] = False,
     resume: Resume = False,
     overwrite: Overwrite = False,
@@ -247,33 +232,20 @@ def convert(
     network: Annotated[
         Path, typer.Argument(metavar="NETWORK", help="Checkpoint (.pth) of OpenPCDet or mmdetection3d.")
     ],
-    out: Annotated[
-        Path, typer.Option("--out", metavar="FILE.onnx", callback=ends_in(".onnx"), help="The network for --model-3d.")
-    ],
+    out: Annotated[Path, option("The network for --model-3d.", metavar="FILE.onnx", callback=ends_in(".onnx"))],
     config: Annotated[
         Path | None,
-        typer.Option(
-            "--config",
-            metavar="FILE",
-            help="OpenPCDet YAML, or a single-file mmdetection3d config (JSON or Python; parsed, not executed). "
+        option(
+            "OpenPCDet YAML, or a single-file mmdetection3d config (JSON or Python; parsed, not executed). "
             "[default: the one in an mmdetection3d checkpoint]",
+            metavar="FILE",
         ),
     ] = None,
     ground_z: Annotated[
-        float | None,
-        typer.Option(
-            "--ground-z",
-            metavar="M",
-            help="Ground height in its training data, metres. [default: that of the data set]",
-        ),
+        float | None, option("Ground height in its training data, metres. [default: that of the data set]", metavar="M")
     ] = None,
     intensity_max: Annotated[
-        float | None,
-        typer.Option(
-            "--intensity-max",
-            metavar="N",
-            help="Maximum intensity in its training data. [default: that of the data set]",
-        ),
+        float | None, option("Maximum intensity in its training data. [default: that of the data set]", metavar="N")
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
