@@ -360,11 +360,7 @@ class Run:
 
 
 def _workers(source: RunInput) -> int:
-    """Most processes of a run.
-
-    Raises:
-        ConfigError: several are asked for, and the caller's functions cannot be sent to them.
-    """
+    """Most processes of a run."""
     wanted = source.config.run.workers
     reason = "" if wanted == 1 else source.given.unsendable
     if not reason:

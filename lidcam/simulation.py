@@ -32,11 +32,7 @@ RANDOM = "random"
 
 
 def check_simulator() -> None:
-    """Check that the extra `sim` and the system libraries that it needs are installed.
-
-    Raises:
-        LidcamError: something is missing.
-    """
+    """Check that the extra `sim` and the system libraries that it needs are installed."""
     for package in ("open3d", "libusb_package"):
         if find_spec(package) is None:
             raise LidcamError(f"the simulator needs {package}, which is not installed: pip install 'lidcam[sim]'")
@@ -99,9 +95,6 @@ def scenario_of(
 
     Settings, duration and seed override its own. Sensors have errors drawn from the seed if `errors` is set; None: if
     the scenario is drawn, too.
-
-    Raises:
-        ConfigError: there is no such scenario, or a value does not fit.
     """
     if family is None:
         scenario = load_scenario(name, tuple(settings))

@@ -43,11 +43,7 @@ def cancelled(task: Task) -> JobRecord:
 
 
 class Engine(ABC):
-    """Runs jobs on threads, which only wait for the processes that `run` starts.
-
-    Args:
-        jobs: Jobs at once.
-    """
+    """Runs jobs, so many at once, on threads, which only wait for the processes that `run` starts."""
 
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs

@@ -183,11 +183,7 @@ def _closed() -> dict[str, str]:
 
 
 def _check(address: str) -> None:
-    """Check that a server listens at an address: Ray itself tries for minutes.
-
-    Raises:
-        LidcamError: none does.
-    """
+    """Check that a server listens at an address: Ray itself tries for minutes."""
     host, _, port = address.rpartition(":")
     if not host or not port.isdigit() or "//" in host:
         return  # `auto`, a client

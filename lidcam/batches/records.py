@@ -70,12 +70,7 @@ RECORD = TypeAdapter(JobRecord)
 
 
 def with_outputs(record: JobRecord, places: Sequence[Location]) -> JobRecord:
-    """The record of a job with the results that it has written, which are in one folder.
-
-    Raises:
-        OSError: one cannot be read.
-        OutputError: a server does not tell.
-    """
+    """The record of a job with the results that it has written, which are in one folder."""
     folder, slash, _ = record.name.rpartition("/")
     outputs = {}
     for place in places:
@@ -127,10 +122,6 @@ def job_key(job: BatchJob, facts: Sequence[object]) -> str:
     """Hexadecimal digest of a recording and of other facts.
 
     Local files count by name, size, first and last bytes, files on a server by the facts that it gives.
-
-    Raises:
-        OSError: one cannot be read.
-        RecordingError: a server does not give it.
     """
     digest = sha256(repr([*facts]).encode())
     for one in job.inputs:

@@ -45,13 +45,7 @@ _IMAGE = re.compile(rb'<div class="busiest">\s*<figure[^>]*><img src="data:image
 
 
 def index_of(records: Sequence[JobRecord], totals: str, store: Store) -> bytes:
-    """The page, as HTML.
-
-    Args:
-        records: The recordings, in order.
-        totals: A line about all of them.
-        store: The results; the images are those of local reports.
-    """
+    """The page of a batch, as HTML; its images are those of local reports."""
     return index_page([_row(one, store) for one in records], totals).encode()
 
 
@@ -124,14 +118,7 @@ def run_batch(
 ) -> list[JobRecord]:
     """Process the recordings; returns their records in the order of the jobs.
 
-    Args:
-        jobs: The recordings, from `find_jobs`.
-        options: Their processing.
-        engine: Runs them.
-        told: Called with the record of each job that has ended, or was up to date.
-
-    Raises:
-        OutputError: the folder cannot be written to.
+    `told` gets the record of each job that has ended, or was up to date.
     """
     ordered = sorted(jobs, key=lambda job: (-job.bytes, job.name))
     found: dict[str, JobRecord] = {}

@@ -62,10 +62,7 @@ def class_number_warnings(
 ) -> tuple[RunWarning, ...]:
     """A warning if boxes have numbers that no class has; the other numbers may then be misread, too.
 
-    Args:
-        unused_boxes: Number of recorded 2D boxes that were not used, by reason.
-        config: Settings, which say what a number means.
-        unused_boxes3d: The same of recorded 3D boxes.
+    Recorded boxes that were not used are counted by reason.
     """
     of_images, of_space = config.detect2d.class_numbers, config.detect3d.recorded.class_numbers
     coco, autoware = "COCO does (0 person, 2 car)", "Autoware does (1 car, 7 pedestrian)"

@@ -14,11 +14,7 @@ from lidcam.run.warning import RunWarning
 
 
 def check_not_empty(recording: Recording) -> None:
-    """Check that there is anything to read.
-
-    Raises:
-        RecordingError: there is not.
-    """
+    """Check that there is anything to read."""
     if recording.message_count == 0:
         names = ", ".join(str(path) for path in recording.paths)
         raise RecordingError(f"{names}: the recording has no messages; record it again, or check that it was closed")

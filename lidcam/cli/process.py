@@ -200,11 +200,7 @@ def _folder(recording: Location) -> Path:
 
 @contextmanager
 def made_folder(folder: Path | None) -> Iterator[None]:
-    """Make a folder for the outputs, which goes again, with the parents made for it, if nothing is written into it.
-
-    Raises:
-        OutputError: it cannot be made.
-    """
+    """Make a folder for the outputs, which goes again, with the parents made for it, if nothing is written into it."""
     made = [] if folder is None else [one for one in (folder, *folder.parents) if not one.exists()]
     try:
         if folder is not None:
@@ -230,22 +226,9 @@ def run_process(
     strict: bool = False,
     send: "Callable[[RunSummary], RunSummary]" = lambda summary: summary,
 ) -> None:
-    """Process a recording and print a summary.
+    """Process a recording, put its complete outputs in place with `send`, and print a summary.
 
-    Args:
-        job: The recording, the settings and the outputs.
-        detections: Print the detections of each frame.
-        matches: Print the matches of each frame.
-        units: Unit of speeds in the tables.
-        as_json: Print JSON instead of tables.
-        json_file: File for the JSON.
-        strict: Fail if too little of the recording was used.
-        send: Called with the summary when the outputs are complete; puts them in place.
-
-    Raises:
-        CheckError: a check failed; the outputs are kept.
-        IncompleteError: part of the recording could not be used; the outputs are kept.
-        LidcamError: as in `process_recording`.
+    Ends with CheckError or IncompleteError where too little of the recording could be used; the outputs are kept.
     """
     from lidcam.cli.json_output import json_output
     from lidcam.cli.printing.run import print_details, print_summary

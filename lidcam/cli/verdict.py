@@ -38,12 +38,7 @@ class Verdict(NamedTuple):
         return {"failure": "; ".join(self.failures), "incomplete": [*self.incomplete], "exit_code": self.exit_code}
 
     def end(self) -> None:
-        """End the command.
-
-        Raises:
-            CheckError: a check failed.
-            IncompleteError: part of the recording could not be used.
-        """
+        """End the command."""
         if self.failures:
             raise CheckError(*self.failures)
         if self.incomplete:

@@ -29,11 +29,7 @@ SPEED_BINS = 12
 
 
 def installed(package: str, wanted_by: str) -> Any:
-    """An optional package.
-
-    Raises:
-        LidcamError: it is not installed.
-    """
+    """An optional package."""
     try:
         return import_module(package)
     except ImportError as err:

@@ -85,11 +85,7 @@ class MapCollector:
 
 
 def read_site_map(path: Path) -> SiteMap:
-    """The map of a result; its recorded motion is used, not what the clouds told while it was made.
-
-    Raises:
-        RecordingError: it cannot be read.
-    """
+    """The map of a result; its recorded motion is used, not what the clouds told while it was made."""
     from lidcam.outputs.report.make import background_of  # with rich
 
     with open_result(path) as result:

@@ -34,11 +34,7 @@ RRD_STORE = re.compile(rb"\x12\x20[0-9a-f]{32}\x1a.\n" + re.escape(_NAME))
 
 
 def check_no_input(outputs: Sequence[Path], inputs: Iterable[Location]) -> None:
-    """Check that no output is an input, by its name or by a link, a part of one, or what a killed run left.
-
-    Raises:
-        OutputError: one is.
-    """
+    """Check that no output is an input, by its name or by a link, a part of one, or what a killed run left."""
     sources = [path for path in inputs if isinstance(path, Path)]
     for output in outputs:
         with output_errors(output):

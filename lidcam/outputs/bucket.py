@@ -29,23 +29,15 @@ def is_bucket(place: object) -> bool:
 
 
 def check_output(place: RemotePath) -> None:
-    """Check that results can be written to a URL.
-
-    Raises:
-        OutputError: they cannot.
-    """
+    """Check that results can be written to a URL."""
     if not is_bucket(place) or "?" in place.url or "#" in place.url:
         raise OutputError(f"{place}: expected a local path, or s3://bucket/..., as output")
 
 
 class Bucket:
-    """Objects below one URL. All methods may be called from several threads.
+    """Objects below one URL, `s3://bucket/prefix`. All methods may be called from several threads.
 
-    Args:
-        root: The URL, `s3://bucket/prefix`.
-
-    Raises:
-        RecordingError: it is of no object store, or what is needed for it is not installed.
+    They raise OutputError, and those that read recordings RecordingError, where the server does not do what is asked.
     """
 
     def __init__(self, root: RemotePath) -> None:
@@ -57,68 +49,40 @@ class Bucket:
         return RemotePath(f"{self.root.url}/{name}")
 
     def check(self) -> None:
-        """Check that there is such a bucket, and that it may be listed.
-
-        Raises:
-            OutputError: it is not so.
-        """
+        """Check that there is such a bucket, and that it may be listed."""
         with _told(self.root, OutputError):
             self._system.call_s3("head_bucket", Bucket=self._system.split_path(self.root.url)[0])
 
     def found(self) -> list[tuple[RemotePath, int]]:
-        """All objects below the URL, or the one that it names, with their sizes in bytes; in natural order.
-
-        Raises:
-            RecordingError: it cannot be listed.
-        """
+        """All objects below the URL, or the one that it names, with their sizes in bytes; in natural order."""
         with _told(self.root, RecordingError):
             entries: dict[str, Any] = self._system.find(self.root.url, detail=True)
         found = [(RemotePath(f"{self.root.protocol}://{name}"), int(one["size"])) for name, one in entries.items()]
         return sorted(found, key=lambda one: natural_key(one[0].url))
 
     def read(self, name: str) -> bytes | None:
-        """The content of an object; None where there is none.
-
-        Raises:
-            OutputError: the server does not give it.
-        """
+        """The content of an object; None where there is none."""
         return self._unless_missing(name, lambda url: bytes(self._system.cat_file(url)))
 
     def written(self, name: str, known: WrittenFile | None = None) -> WrittenFile | None:  # noqa: ARG002  # not read
-        """Its size and ETag; None where there is none.
-
-        Raises:
-            OutputError: the server does not tell.
-        """
+        """Its size and ETag; None where there is none."""
         found: dict[str, Any] | None = self._unless_missing(name, self._system.info)
         return None if found is None else WrittenFile(int(found["size"]), str(found["ETag"]))
 
     def check_replaceable(self, name: str) -> None:
-        """Check that an object may be written: there is none, or lidcam put it there.
-
-        Raises:
-            OutputError: it may not, or the server does not tell.
-        """
+        """Check that an object may be written: there is none, or lidcam put it there."""
         if self._unless_missing(name, lambda url: MARK.items() <= self._system.metadata(url).items()) is False:
             raise OutputError(
                 f"{self.at(name)}: exists and was not written by lidcam; choose another name, or pass --overwrite"
             )
 
     def put(self, name: str, content: bytes) -> None:
-        """Put an object, whole or not at all.
-
-        Raises:
-            OutputError: the server does not take it.
-        """
+        """Put an object, whole or not at all."""
         with _told(self.at(name), OutputError):
             self._system.pipe_file(self.at(name).url, content, Metadata=MARK)
 
     def put_file(self, name: str, path: Path) -> None:
-        """Put the content of a file, a large one in parts, whole or not at all.
-
-        Raises:
-            OutputError: the server does not take it.
-        """
+        """Put the content of a file, a large one in parts, whole or not at all."""
         with _told(self.at(name), OutputError):
             self._system.put_file(
                 str(path), self.at(name).url, chunksize=PART_BYTES, max_concurrency=PARTS_AT_ONCE, Metadata=MARK

@@ -77,11 +77,7 @@ def open_writers(
 
 
 def make_pages(job: Job, outputs: OutputTransaction) -> None:
-    """Write what is made of the finished result, before the outputs get their names.
-
-    Raises:
-        LidcamError: it cannot be made or written.
-    """
+    """Write what is made of the finished result, before the outputs get their names."""
     for path, output in written_outputs(job):
         if output.made_of_result:
             (result,) = (one for one in job.outputs if one.suffix == ".mcap")

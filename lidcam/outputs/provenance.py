@@ -25,14 +25,6 @@ def input_files(source: RunInput, named: Mapping[str, InputFile], *, is_written:
 
     The recording gets checksums if there will be results, unless only a part of it is processed: reading the rest takes
     minutes where it is large.
-
-    Args:
-        source: The open recording.
-        named: Files that the settings name.
-        is_written: Whether there will be results.
-
-    Raises:
-        RecordingError: a network cannot be read.
     """
     recording, window = source.recording, source.window
     is_whole = window.start_ns is None and (window.stop_ns is None or window.stop_ns > recording.end_ns)

@@ -21,11 +21,7 @@ class Sending:
     overwrite: bool = False  # Whether objects that are no results are replaced, too
 
     def send(self, summary: RunSummary) -> RunSummary:
-        """Put what was written to its places, the result last; the summary with these places.
-
-        Raises:
-            OutputError: a server does not take it, or has another object of this name.
-        """
+        """Put what was written to its places, the result last; the summary with these places."""
         sent: dict[Path, RemotePath] = {}
         for folder, bucket in reversed(self.remote):
             for path in sorted(folder.iterdir()):
@@ -46,10 +42,7 @@ def sent_when_complete(
 ) -> Iterator[Sending]:
     """Local paths for outputs, those on a server in a temporary folder that is removed at the end of the block.
 
-    Args:
-        outputs: The result first.
-        inputs: None of them may be an output.
-        overwrite: Whether objects that are no results are replaced, too.
+    The result is the first of the outputs; with `overwrite`, objects that are no results are replaced, too.
 
     Raises:
         OutputError: an output is an input, is there and is no result, or its server does not answer.

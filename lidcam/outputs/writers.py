@@ -119,11 +119,7 @@ def open_foxglove(opening: Opening) -> ResultWriter:
 
 
 class Pace(ResultWriter):
-    """The first of the writers of a run: it waits until a frame is due, seen from the first one.
-
-    Args:
-        times: How many times as fast as it was recorded.
-    """
+    """The first of the writers: it waits until a frame is due, `times` as fast as recorded, seen from the first one."""
 
     name = "pace"
     path = Path("--pace")

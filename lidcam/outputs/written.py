@@ -22,12 +22,7 @@ class WrittenFile:
 def written_file(path: Path, known: WrittenFile | None = None) -> WrittenFile | None:
     """The file at a path, which is not followed if it is a link; None where nothing is.
 
-    Args:
-        path: The file.
-        known: The same file as it was written; it is read only if it has changed since.
-
-    Raises:
-        OSError: it cannot be read, or is no regular file.
+    It is read only if it has changed since it was written as `known`; raises OSError if it is no regular file.
     """
     if not os.path.lexists(path):
         return None

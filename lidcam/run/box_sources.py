@@ -183,11 +183,7 @@ def network_3d(config: Config) -> Path | None:
 
 
 def check_box_source(config: Config, recording: Recording, rig: Rig) -> None:
-    """Check that the recording has messages for the 2D boxes; unusable cameras are faults of the rig.
-
-    Raises:
-        RecordingError: it has none.
-    """
+    """Check that the recording has messages for the 2D boxes; unusable cameras are faults of the rig."""
     wanted = _wanted_boxes(config, rig)
     if wanted == "none":
         return

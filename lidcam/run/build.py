@@ -51,11 +51,7 @@ IMAGE_GROWTH = 3
 def build_graph(
     config: Config, rig: Rig, known: KnownBoxes, given: GivenDetectors = LIDCAMS_OWN, *, on_bad: OnBadMessage
 ) -> tuple[Graph[SensorBundle], Node[FrameResult]]:
-    """The stages from a bundle of undecoded messages to a frame's result; boxes that are known are not detected again.
-
-    Raises:
-        ModelError: a network cannot be loaded.
-    """
+    """The stages from a bundle of undecoded messages to a frame's result; known boxes are not detected again."""
     graph, config = Graph(SensorBundle), decided(config, rig)
     # Detections of each sensor.
     clouds = graph.add_stage("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
@@ -189,16 +185,9 @@ def shared_results(
     expected: int,
     started: Sequence[WorkerProcess],
 ) -> Generator[FrameResult, None, None]:
-    """The results of bundles, in order, by one process or several.
+    """The results of about `expected` bundles, in order, by one process or at most `workers`.
 
-    Args:
-        stages: The stages, and the one whose output is wanted.
-        found: The bundles.
-        source: The recording, its sensors and the settings.
-        make_graph: Makes the stages anew, in another process.
-        workers: Largest number of processes, this one included.
-        expected: Expected number of bundles.
-        started: Other processes that have been started.
+    Others than this one have been `started`, and get the stages from `make_graph`.
 
     Raises:
         WorkerError: another process cannot be started, or dies.

@@ -71,10 +71,7 @@ def choose_settings(
 ) -> SettingsChoice:
     """The given settings; without any, those among which the recording decides.
 
-    Args:
-        config: Settings, the name of a preset, or a YAML file; None leaves the choice to the recording.
-        settings: Single settings that override the others.
-        more: Single settings that override these.
+    `more` overrides `settings`, which override `config`.
 
     Raises:
         ConfigError: as in `load_config`.

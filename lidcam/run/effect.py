@@ -23,11 +23,7 @@ NAMED = (
 
 
 def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
-    """Check that single settings (`["evaluate.iou=[0.5]"]`) are in sections that are read; ignores unknown sections.
-
-    Raises:
-        ConfigError: one would change nothing.
-    """
+    """Check that single settings (`["evaluate.iou=[0.5]"]`) are in sections that are read; ignores unknown sections."""
     for text in settings:
         key = text.partition("=")[0].strip()
         section = key.partition(".")[0]

@@ -94,11 +94,7 @@ def corrected_by_recording(source: RunInput, known: KnownBoxes, workers: int) ->
     """The source with cameras corrected by the recording; a camera that shows too little stays as recorded.
 
     Where its CameraInfo does not tell whether images are rectified, K and P are compared first.
-
-    Args:
-        source: The recording, its sensors and the settings.
-        known: Gets the boxes of the frames that are looked at.
-        workers: Largest number of processes.
+    `known` gets the boxes of the frames that are looked at.
 
     Raises:
         ModelError: a network cannot be loaded.
@@ -122,12 +118,7 @@ def corrected_by_recording(source: RunInput, known: KnownBoxes, workers: int) ->
 
 
 def with_corrections(found: Discovery, rig: Rig) -> Discovery:
-    """A discovery with the intrinsics that the recording showed to be right, and notes on these and on moved lidars.
-
-    Args:
-        found: How the sensors were found.
-        rig: The same rig after the first look.
-    """
+    """What was found, with the intrinsics of the rig after the first look, and notes on these and on moved lidars."""
     moved = ", ".join(filter(None, map(_moved_text, found.rig.lidars, rig.lidars)))
     pairs = zip(found.rig.cameras, rig.cameras, strict=True)
     changed = {used.name for camera, used in pairs if camera.rectified is not None and used.rectified is None}

@@ -51,11 +51,7 @@ class TimeWindow:
 
 
 def time_window(recording: Recording, start_s: float, duration_s: float | None) -> TimeWindow:
-    """The part of a recording to process.
-
-    Raises:
-        ConfigError: it starts after the end of the recording.
-    """
+    """The part of a recording to process."""
     start_ns = recording.start_ns + round(start_s * 1e9)
     if start_ns > recording.end_ns:
         seconds = (recording.end_ns - recording.start_ns) / 1e9

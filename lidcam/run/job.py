@@ -62,11 +62,7 @@ class Job:
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        """Check the values.
-
-        Raises:
-            ConfigError: one is out of range.
-        """
+        """Check the values."""
         if not 0 <= self.start_s < inf:
             raise ConfigError(f"start_s: expected 0 s or more, found {self.start_s}")
         if self.duration_s is not None and not 0 < self.duration_s < inf:
@@ -158,11 +154,7 @@ def make_job(
 
 
 def _given_detectors(options: JobOptions) -> GivenDetectors:
-    """The functions of the caller.
-
-    Raises:
-        ConfigError: one is none, or a network is given for the same boxes.
-    """
+    """The functions of the caller."""
     in_cloud, in_images = options.get("detector"), options.get("detector_2d")
     for keyword, find, model in (("detector", in_cloud, "model_3d"), ("detector_2d", in_images, "model_2d")):
         if find is not None and not callable(find):
@@ -181,11 +173,7 @@ def _served_address(text: str) -> tuple[str, int]:
 
 
 def locations(recording: PathOrUrl | Sequence[PathOrUrl]) -> tuple[Location, ...]:
-    """The locations of the files of a recording.
-
-    Raises:
-        RecordingError: a name is empty.
-    """
+    """The locations of the files of a recording."""
     given = [recording] if isinstance(recording, str | PathLike | RemotePath) else recording
     return tuple(one if isinstance(one, RemotePath) else location(fspath(one)) for one in given)
 

@@ -46,11 +46,7 @@ class DropTable:
         self.count_drop(drop, is_defect=True)
 
     def count_bad(self, drop: Drop) -> None:
-        """Count a message that cannot be decoded.
-
-        Raises:
-            MessageError: bad messages end the run.
-        """
+        """Count a message that cannot be decoded; raises MessageError if that ends the run."""
         if self.on_bad == "fail":
             raise MessageError(drop.detail or f"{drop.topic}: {drop.reason}")
         self.count_defect(drop)

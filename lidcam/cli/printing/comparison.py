@@ -58,7 +58,8 @@ def _print_differences(out: Console, differences: Mapping[str, Any], lines: int)
     for one in listed:
         frames = f"{one['first_frame']}-{one['last_frame']}" if one["frames"] > 1 else one["first_frame"]
         span = f"{one['first_s']:.3f}", f"{one['last_s']:.3f}"
-        rows.append((_channel(one), one["class"], _what(one), frames, *span, _place(one["place"])))
+        place = ", ".join(f"{value:.{0 if 'camera' in one else 2}f}" for value in one["place"])  # pixels or metres
+        rows.append((one.get("source") or one["camera"], one["class"], _what(one), frames, *span, place))
     columns = ("in", "class", "difference", "frames", "from s", "to s", "at")
     show_table(out, rows_table(title, columns, rows, ("class", "difference", "at")))
     out.print()
@@ -82,12 +83,3 @@ def _amount(kind: str, amount: float, *, is_image: bool) -> str:
     if is_image and kind == "moved":
         return f"{amount:.1f} px"
     return f"{amount:.3f}{_UNITS.get(kind, '')}"
-
-
-def _channel(one: Mapping[str, Any]) -> str:
-    return str(one.get("source") or one["camera"])
-
-
-def _place(place: Sequence[float]) -> str:
-    digits = 2 if len(place) == 3 else 0
-    return ", ".join(f"{value:.{digits}f}" for value in place)

@@ -39,15 +39,7 @@ class Verbosity(IntEnum):
 
 
 def configure_logging(verbosity: Verbosity = Verbosity.NORMAL, log_file: Path | None = None) -> None:
-    """Send the log of this program to stderr, and to a file; what was configured before is undone.
-
-    Args:
-        verbosity: The lowest level that stderr shows.
-        log_file: File to append everything to.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
+    """Send the log of this program to stderr, and to a file; what was configured before is undone."""
     handlers: list[logging.Handler] = [_Stderr(verbosity)]
     if log_file is not None:
         try:

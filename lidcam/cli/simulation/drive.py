@@ -78,21 +78,15 @@ def _keyboard(
     keys: str | None, interval_s: float, drivable: tuple[str, ...], resources: contextlib.ExitStack
 ) -> "ScriptedKeys | TerminalKeys":
     """The given keys, else those of the terminal, else those on stdin."""
-    from lidcam.bags.simulator.drive.driving import ScriptedKeys, terminal_keys
+    from lidcam.bags.simulator.drive.driving import ScriptedKeys, script_keys, terminal_keys
 
     if keys is None and sys.stdin.isatty():
         return resources.enter_context(terminal_keys(sys.stdin.fileno()))
     given = "".join(sys.stdin.read().split()) if keys is None else keys
-    return ScriptedKeys(_checked(given, drivable), round(interval_s * 1e9))
-
-
-def _checked(keys: str, drivable: tuple[str, ...]) -> str:
-    from lidcam.bags.simulator.drive.driving import script_keys
-
     known = script_keys(drivable)
-    if wrong := next((key for key in keys if key not in known), ""):
-        raise ConfigError(f"keys: expected {' '.join(known)} (. waits), found {wrong!r} in {keys[:80]!r}")
-    return keys
+    if wrong := next((key for key in given if key not in known), ""):
+        raise ConfigError(f"keys: expected {' '.join(known)} (. waits), found {wrong!r} in {given[:80]!r}")
+    return ScriptedKeys(given, round(interval_s * 1e9))
 
 
 class _StatusLine:

@@ -184,18 +184,9 @@ def train_network(
     begun: Callable[[Mapping[str, "Judged"]], object] = lambda _: None,
     check: Callable[["Trained"], object] = lambda _: None,
 ) -> "Trained":
-    """Train a network in pillars, and write it, its card and its checkpoint.
+    """Train a network in pillars by `train_pillars`, and write it, its card and its checkpoint.
 
-    Args:
-        out: The network.
-        steps: Number of steps in all.
-        checkpoint_in: Makes the checkpoint; may keep frames in the folder that it is given.
-        workers: Processes that make scenes; None: one for each core.
-        resume: Whether to continue from the checkpoint, if there is one.
-        overwrite: Whether to replace files that lidcam did not write.
-        kept_share: As in `train_pillars`.
-        begun: As in `train_pillars`.
-        check: Raises if the network is not worth keeping.
+    `checkpoint_in` may keep frames in the folder that it is given; `check` raises if the network is not worth keeping.
     """
     from lidcam.cli.printing.progress import show_training
     from lidcam.pipeline.detectors.pillars.embedded import existing_network_file

@@ -47,14 +47,7 @@ def export_results(
     options: ExportOptions = DEFAULT,
     show: Progress = not_shown,
 ) -> Exported:
-    """Write results as one data set.
-
-    Args:
-        results: Files that `lidcam process` wrote, one scene each, with different names.
-        folder: The new folder, which is empty or does not exist.
-        format_name: One of `DATASETS`.
-        options: What to write of them.
-        show: Shows the progress.
+    """Write results, one scene each, as one data set, in a folder that is empty or does not exist.
 
     Raises:
         LidcamError: a result cannot be read or has not what the format needs; the folder cannot be written.

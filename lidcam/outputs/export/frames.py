@@ -32,20 +32,11 @@ class ExportOptions:
 
 
 class ResultFrames:
-    """The frames of a result, every so many.
-
-    Args:
-        result: The open result.
-        options: What of the result is wanted.
-        left_out: Counts what is left out, by reason.
-        stack: Closes the truth.
+    """The frames of a result, every so many; `left_out` counts by reason, and `stack` closes the truth.
 
     Attributes:
         recorded: Topics with messages.
         images: Cameras by the topic of their images.
-
-    Raises:
-        LidcamError: the truth cannot be read.
     """
 
     def __init__(self, result: Result, options: ExportOptions, left_out: Counter[str], stack: ExitStack) -> None:
@@ -74,11 +65,7 @@ class ResultFrames:
         return (*self._result.notes, *of_truth, *([no_images] if missing else []))
 
     def frames_and_messages(self, topics: Sequence[str]) -> Iterator[tuple[EvaluationFrame, Mapping[str, RawMessage]]]:
-        """The frames with their messages of these topics; those that the truth does not cover are counted.
-
-        Raises:
-            RecordingError: the file is damaged.
-        """
+        """The frames with their messages of these topics; those that the truth does not cover are counted."""
         beside = self._result.messages_of_frames([FUSED, *topics])
         for found, messages in zip_longest(self._evaluated, beside):
             fused = None if messages is None else messages.get(FUSED)

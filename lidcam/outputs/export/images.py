@@ -25,12 +25,6 @@ ORIGINS = np.array([origin.name.lower() for origin in Origin])
 class ResultImages(ResultFrames):
     """A result, image by image.
 
-    Args:
-        result: The open result.
-        writer: Counts what is left out.
-        options: What of the result is wanted.
-        stack: Closes the truth.
-
     Raises:
         OutputError: there are no images, or none of the camera that is wanted.
         LidcamError: the truth cannot be read.

@@ -36,13 +36,6 @@ CLOUD, GROUND = "/point_cloud_combined", "/ground_cloud"
 class ResultScene(ResultFrames):
     """A result, frame by frame as a data set has it.
 
-    Args:
-        result: The open result.
-        format_name: Of the data set.
-        writer: Says what its format has, and counts what is left out.
-        options: What of the result is wanted.
-        stack: Closes the truth.
-
     Attributes:
         facts: What all frames have in common.
 

@@ -116,11 +116,7 @@ def _scene_from_above(points: F64, moment: Moment) -> U8:
 def mistake_image(result: Result, kind: str, mistake: Mapping[str, Any], log_time_ns: int) -> tuple[str, str] | None:
     """The image of an error as a data URI, and what shows it; None where the result has neither image nor points.
 
-    Args:
-        result: The open result.
-        kind: `false` or `missed`.
-        mistake: Its figures.
-        log_time_ns: Log time of the frame in which it is worst.
+    `kind` is `false` or `missed`; the frame is the one in which the error is worst.
     """
     center = np.array([mistake[f"{axis}_m"] for axis in "xyz"])
     size = np.array([mistake[f"{side}_m"] for side in ("length", "width", "height")])

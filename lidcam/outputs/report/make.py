@@ -54,10 +54,7 @@ def write_page(
 def make_page(path: Path, show: Progress = not_shown, *, film: str = "") -> tuple[str, tuple[str, ...]]:
     """The page about a result, as HTML, and the parts of it that could not be used; the same result, the same bytes.
 
-    Args:
-        path: The .mcap that `lidcam process` wrote.
-        show: Shows the progress.
-        film: Name of the run's film, in the folder of the page; empty without one.
+    `film` is the name of the run's film in the folder of the page; empty without one.
 
     Raises:
         LidcamError: the result cannot be read.
