@@ -262,15 +262,7 @@ class Run:
             raise RecordingError(no_frames(self.source, self._drops))
 
     def _results(self, advanced: Callable[[], None]) -> Generator[FrameResult, None, None]:
-        with closing(self._stages()) as frames:
-            for frame in frames:
-                self._passed, self._log_time_ns = self._passed + 1, frame.bundle.log_time_ns
-                self._detections += len(frame.fused.objects)
-                yield frame
-                advanced()
-
-    def _stages(self) -> Generator[FrameResult, None, None]:
-        return shared_results(
+        found = shared_results(
             (self._graph, self._result),
             self._read(),
             self.source,
@@ -279,6 +271,12 @@ class Run:
             expected=expected_frames(self.source),
             started=self._processes,
         )
+        with closing(found) as frames:
+            for frame in frames:
+                self._passed, self._log_time_ns = self._passed + 1, frame.bundle.log_time_ns
+                self._detections += len(frame.fused.objects)
+                yield frame
+                advanced()
 
     def _read(self) -> Iterator[SensorBundle]:
         found = bundles(self.source, self._drops, self._stats, self._clocks)

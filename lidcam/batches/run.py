@@ -44,13 +44,9 @@ LINKS = {".html": "report", ".rrd": "Rerun", ".mcap": "MCAP", ".mp4": "film", ".
 _IMAGE = re.compile(rb'<div class="busiest">\s*<figure[^>]*><img src="data:image/jpeg;base64,([^"]+)"')
 
 
-def index_of(records: Sequence[JobRecord], totals: str, store: Store) -> bytes:
-    """The page of a batch, as HTML; its images are those of local reports."""
-    return index_page([_row(one, store) for one in records], totals).encode()
-
-
-def keep_index(content: bytes, store: Store) -> bool:
-    """Write the page beside the results; returns whether it was written: a page of somebody else's stays."""
+def keep_index(records: Sequence[JobRecord], store: Store) -> bool:
+    """Write the page of a batch; returns whether it was written: a page of somebody else's stays."""
+    content = index_page([_row(one, store) for one in records], totals_line(records)).encode()
     try:
         known = store.files.read(INDEX)
     except (OSError, OutputError):  # too large to be ours, or no plain file
@@ -211,6 +207,6 @@ def process_batch(
     with watch(found) as told:
         records = run_batch(found, BatchOptions(out, job, endings), runs, told)
     store.keep_table(records_table(records))
-    if not keep_index(index_of(records, totals_line(records), store), store):
+    if not keep_index(records, store):
         logger.warning("%s/%s was not written by lidcam: it stays as it is", str(out).rstrip("/"), INDEX)
     return BatchResult(tuple(records), f"{str(out).rstrip('/')}/{TABLE}")

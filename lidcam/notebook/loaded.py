@@ -123,9 +123,7 @@ def _summary(result: Result, path: Path, users: RoadUserTally) -> RunSummary:
     summary: Mapping[str, Any] = result.summary
     motion, sync, more = summary["motion"], summary["sync"], summary["losses_more"]
     files = tuple(_input_files(result.metadata))
-    losses = [(Path(one["file"]), one["position"], one["reason"]) for one in summary["losses"]]
-    sizes = [(one["size"], one["messages"]) for one in summary["losses"]]
-    silences = [tuple(SilentSpan(**span) for span in one["silences"]) for one in summary["missing"]]
+    facts = ("position", "reason", "size", "messages")
     return RunSummary(
         inputs=InputSummary(
             files=files,
@@ -133,7 +131,7 @@ def _summary(result: Result, path: Path, users: RoadUserTally) -> RunSummary:
             messages_used=summary["messages_used"],
             copied=summary["copied"],
             unused_topics=tuple(UnusedTopic(topic, count, "") for topic, count in summary["unused_topics"].items()),
-            losses=tuple(Loss(*loss, *size) for loss, size in zip(losses, sizes, strict=True)),
+            losses=tuple(Loss(Path(one["file"]), *(one[key] for key in facts)) for one in summary["losses"]),
         ),
         frames=FrameSummary(
             count=summary["frames"],
@@ -160,8 +158,8 @@ def _summary(result: Result, path: Path, users: RoadUserTally) -> RunSummary:
             calibration=tuple(SensorSource(**one) for one in summary["calibration"]),
             faults=tuple(SensorFault(**one) for one in summary["faults"]),
             missing=tuple(
-                MissingSensor(**{**one, "silences": spans})
-                for one, spans in zip(summary["missing"], silences, strict=True)
+                MissingSensor(**{**one, "silences": tuple(SilentSpan(**span) for span in one["silences"])})
+                for one in summary["missing"]
             ),
             box_source=summary["box_source"],
             box_source_3d=summary["box_source_3d"],

@@ -42,17 +42,12 @@ ADVICE = "The cameras are not used. Type `lidcam fetch yolox-nano`, then run thi
 
 @dataclass
 class KnownBoxes:
-    """Boxes that networks and clusters have found before the run; a frame of the same messages takes them over.
+    """Boxes that networks and clusters have found before the run; a frame of the same messages takes them over."""
 
-    Attributes:
-        lidar: 3D boxes, by the messages of a frame's lidars.
-        cameras: 2D boxes by camera name, by the messages of its lidars and cameras.
-        unused_3d: Boxes of the caller's function beside those of `lidar` that could not be used, by reason.
-        unused_2d: The same beside those of `cameras`.
-    """
-
-    lidar: dict[object, Boxes3D] = field(default_factory=dict)
+    lidar: dict[object, Boxes3D] = field(default_factory=dict)  # By the messages of a frame's lidars
+    # By camera name, by the messages of its lidars and cameras
     cameras: dict[object, Mapping[str, Boxes2D]] = field(default_factory=dict)
+    # Boxes of the caller's functions beside those that could not be used, by reason
     unused_3d: dict[object, Mapping[str, int]] = field(default_factory=dict)
     unused_2d: dict[object, Mapping[str, int]] = field(default_factory=dict)
 
@@ -254,8 +249,8 @@ def add_boxes2d(
         return recorded, recorded, frozenset(), frozenset()
     from lidcam.pipeline.stages.detect2d import Detect2D
 
+    images = graph.add_stage("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
     if given is not None:
-        images = graph.add_stage("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
         caller = GivenDetector2D(given, config)
         detect2d = Detect2D(rig, config, caller)
         called = partial(known.given_in_images, rig, detect2d, caller)
@@ -270,9 +265,7 @@ def add_boxes2d(
         raise ModelError(f"{model}: is not on this machine yet: run lidcam fetch {model}")
     from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
 
-    images = graph.add_stage("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
-    detector = OnnxDetector2D(network_path(model), config.detect2d)
-    detect2d = Detect2D(rig, config, detector)
+    detect2d = Detect2D(rig, config, OnnxDetector2D(network_path(model), config.detect2d))
     found = graph.add_stage("detect 2D", partial(known.in_images, rig, detect2d), graph.frame, images, combined)
     return images, found, detect2d.riders, detect2d.unknown_ids
 

@@ -24,21 +24,13 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 class CliOption(NamedTuple):
-    """The command-line form of an option of a job.
+    """The command-line form of an option of a job."""
 
-    Attributes:
-        type: The type that it is parsed to; the value of an option that is not given is None, of a switch False.
-        name: The name of the option.
-        metavar: The placeholder of its value in the help.
-        minimum: The smallest allowed number.
-        group: The heading that the help lists it under.
-    """
-
-    type: Any
+    type: Any  # That it is parsed to; the value of an option that is not given is None, of a switch False
     name: str
     metavar: str | None = None
     minimum: float | None = None
-    group: str = "Run"
+    group: str = "Run"  # The heading that the help lists it under
 
 
 class SharedOptions(TypedDict, total=False):

@@ -125,21 +125,13 @@ class DropSummary:
 
 @dataclass(frozen=True, slots=True)
 class CameraCorrection:
-    """Errors of a camera by which a run corrected its recorded calibration, with their standard deviations.
+    """Errors of a camera by which a run corrected its recorded calibration, with their standard deviations."""
 
-    Attributes:
-        turned_deg: Angle by which it was turned.
-        turned_sigma_deg: Standard deviation of its direction.
-        late_ms: Delay of its images against their stamps.
-        late_sigma_ms: Standard deviation of the delay.
-        zoom: Factor on its focal lengths.
-    """
-
-    turned_deg: float
+    turned_deg: float  # Angle by which it was turned
     turned_sigma_deg: float
-    late_ms: float
+    late_ms: float  # Delay of its images against their stamps
     late_sigma_ms: float
-    zoom: float
+    zoom: float  # Factor on its focal lengths
 
     @classmethod
     def of(cls, fit: CameraFit) -> Self:
