@@ -230,10 +230,7 @@ class Run:
     ) -> Generator[Frame, None, None]:
         """The frames, in order, with their tracks, each written before it is yielded; to be read once.
 
-        Args:
-            writers: Get each frame before it is yielded.
-            folder: Folder for frames that wait for their tracks; None for the system's temporary folder.
-            advanced: Called after each frame that has passed the stages, and after each that was yielded.
+        `advanced` is called after each that has passed the stages, and after each that was yielded.
         """
         started, graph, scenes = time.perf_counter(), self._graph, drawn_scenes(self.source)
         self._count_early_drops()

@@ -117,15 +117,9 @@ def recording_to(
     workers: int | None = None,
     driven: tuple[str, ...] = (),
 ) -> Iterator[tuple["Simulation", WriteMessage]]:
-    """A simulation, and what writes its messages to a file.
+    """A simulation, and what writes its messages to a file, which must not replace the one that was `read`.
 
-    Args:
-        output: The recording; the ending of its name says its format.
-        scenario: The scenario.
-        read: The name that it was read from; the output must not replace that file.
-        overwrite: Overwrite files that are not simulated recordings.
-        workers: Sensors simulated at once; None: one per core.
-        driven: Vehicles that wait at their start until they are driven.
+    Vehicles that are `driven` wait at their start until they are.
 
     Raises:
         OutputError: the file cannot be written.

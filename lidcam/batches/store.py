@@ -173,10 +173,7 @@ class Store:
         """A descriptor that keeps other batches from a job while it is open anywhere; None where another has it.
 
         A bucket has no locks: what two batches do there at once is done twice, with the same result.
-
-        Args:
-            job: Name of the job; empty: the table of the batch.
-            is_awaited: Whether to wait for another that has it.
+        Without the name of a job, it is the table of the batch.
         """
         lock = self.files.at(f"{RECORDS}/{job}.lock")
         with _open_lock(lock) if isinstance(lock, Path) else TemporaryFile() as file:

@@ -91,14 +91,8 @@ def use_settings(
 ) -> tuple[Config, UsedSettings, Discovery]:
     """The settings of an open recording, as given or judged from its first clouds, and its sensors with the zones.
 
-    The beginning of the recording is read where there is a choice, whatever part of it is processed.
-
-    Args:
-        choice: The given settings, or those to choose from.
-        recording: The recording.
-        found: Its sensors.
-        rig_file: Its zones override those of the settings.
-        moves: Whether the site frame is known to move; else the clouds of a model site or a mast are looked at.
+    The beginning of the recording is read where there is a choice, whatever part of it is processed. Zones
+    of the rig file override those of the settings. `moves`: whether the site frame is known to move.
     """
     config, used = choice.config, UsedSettings(choice.name, "given")
     if choice.by_preset:

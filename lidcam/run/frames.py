@@ -104,13 +104,8 @@ def sensor_clocks(rig: Rig, motion: MotionSource | None, drops: DropTable) -> Cl
 def bundles(source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks) -> Iterator[SensorBundle]:
     """The bundles of a recording, in order, with the motion of the site frame around each and the messages to copy.
 
-    Where time jumps back, synchronisation and motion begin anew: no bundle mixes both sides.
-
-    Args:
-        source: The recording and its sensors.
-        drops: Gets every message that no bundle uses.
-        stats: Gets the spread of the stamps in each bundle, and the missing sensors.
-        clocks: From `sensor_clocks`; gets the jumps of time.
+    Where time jumps back, synchronisation and motion begin anew: no bundle mixes both sides. `drops` gets every message
+    that no bundle uses, `stats` the spread of the stamps in each bundle, and the missing sensors.
     """
     config, recording, window = source.config, source.recording, source.window
     motion_topics = source.motion.topics if source.motion else ()

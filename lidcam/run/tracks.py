@@ -45,12 +45,7 @@ def tracked(
     """The frames, in order, with tracked objects, each as soon as it is settled.
 
     Frames that are not settled at once wait in unnamed temporary files. An error of `frames` is raised at once.
-
-    Args:
-        frames: The frames, in order.
-        tracker: Gets each of them.
-        folder: Folder for the temporary files; None for the system's.
-        stage: Context manager around the work for tracks, entered with a bundle.
+    `stage` is around the work for tracks.
 
     Raises:
         OutputError: frames cannot be buffered on disk.

@@ -96,10 +96,7 @@ def make_page(path: Path, show: Progress = not_shown, *, film: str = "") -> tupl
             truth_tables=_page_tables(truth_tables(tree)) if truth_note else (),
             residual_tables=_page_tables(own_tables(tree)),
             dropped_tables=sections.dropped(summary),
-            origin_tables=[
-                *sections.origin(seen, result),
-                _versions(result),
-            ],
+            origin_tables=[*sections.origin(seen, result), _versions(result)],
             checksums=sections.checksums(metadata, path.name, evaluation.inputs[0].tree()["sha256"] or ""),
             origin_notes=evaluation.notes,
             settings=dump_config(result.config),
