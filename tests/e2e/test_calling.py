@@ -1,27 +1,20 @@
 """Calling the program by hand and from scripts: help, terminals, pipes, logs, quiet, strict, completion."""
 
-import os
 import re
 import shlex
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from builders import write_mcap
-from command import Lidcam
+from command import Lidcam, shell
 from helpers import CLUSTERS
 from results import topics_of
 from small_drive import small_drive
 
 PROGRAM = Path(sys.executable).with_name("lidcam")
 PART = ("--duration", "0.4", "--set", CLUSTERS)
-
-
-def shell(command: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    variables = {**os.environ, **environment}
-    return subprocess.run(["bash", "-c", command], cwd=cwd, env=variables, capture_output=True, text=True, check=False)
 
 
 def frames_in(path: Path) -> int:
@@ -36,10 +29,10 @@ def frames_in(path: Path) -> int:
     ],
 )
 def test_a_reader_that_leaves_does_not_end_the_run(command: str, sandbox: Path, tmp_path: Path) -> None:
-    line = f"{PROGRAM} {command.format(sandbox=sandbox)} | head -n 1; echo ${{PIPESTATUS[0]}}"
+    line = f"{PROGRAM} {command.format(sandbox=sandbox)} | head -n 1 && echo ${{PIPESTATUS[0]}}"
     done = shell(line, tmp_path)
-    assert not [line for line in done.stderr.splitlines() if " frames, " not in line]  # progress, on a slow machine
-    assert done.stdout.splitlines()[1:] == ["0"]
+    assert not [line for line in done.err.splitlines() if " frames, " not in line]  # progress, on a slow machine
+    assert done.out.splitlines()[1:] == ["0"]
     if "out.mcap" in command:
         assert sorted(path.name for path in tmp_path.iterdir()) == ["out.foxglove.json", "out.mcap"]
         assert frames_in(tmp_path / "out.mcap") >= 2
@@ -50,8 +43,8 @@ def test_a_reader_that_leaves_does_not_end_the_run(command: str, sandbox: Path, 
 def test_a_bar_on_a_terminal(sandbox: Path, tmp_path: Path, option: str, has_bar: bool) -> None:
     command = f"{PROGRAM} process {sandbox} out.mcap {shlex.join(PART)} {option}"
     done = shell(f"script -qec '{command}' /dev/null", tmp_path, COLUMNS="100", TERM="xterm")
-    assert done.returncode == 0, done.stdout
-    assert ("all frames written, finishing the outputs" in done.stdout) == has_bar  # what it ends with is always drawn
+    assert done.code == 0, done.out
+    assert ("all frames written, finishing the outputs" in done.out) == has_bar  # what it ends with is always drawn
 
 
 def test_quiet_is_the_result_alone(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
@@ -86,7 +79,7 @@ def test_verbose_and_a_log_file(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -
 
 @pytest.mark.parametrize("command", ["", "process", "train pillars", "compare"])
 def test_help_of_a_narrow_terminal(command: str, tmp_path: Path) -> None:
-    text, _, _ = shell(f"{PROGRAM} {command} --help", tmp_path, COLUMNS="40").stdout.partition("  Examples:\n")
+    text, _, _ = shell(f"{PROGRAM} {command} --help", tmp_path, COLUMNS="40").out.partition("  Examples:\n")
     assert "--help" in text
     assert not [line for line in text.splitlines() if len(line) > 40]
 
@@ -113,15 +106,15 @@ def test_the_shell_completes(line: str, found: list[str], tmp_path: Path) -> Non
     done = shell(
         str(PROGRAM), tmp_path, _LIDCAM_COMPLETE="complete_bash", COMP_WORDS=line, COMP_CWORD=str(len(words) - 1)
     )
-    assert done.stdout.split() == found
-    assert done.stderr == ""
+    assert done.out.split() == found
+    assert done.err == ""
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_standard_output_on_a_full_disk_is_an_error_in_one_line(sandbox: Path, tmp_path: Path) -> None:
     done = shell(f"{PROGRAM} inspect {sandbox} > /dev/full", tmp_path)
-    assert done.returncode == 1
-    assert done.stderr == "lidcam: error: standard output: No space left on device\n"
+    assert done.code == 1
+    assert done.err == "lidcam: error: standard output: No space left on device\n"
 
 
 @pytest.mark.parametrize(("kib", "mode"), [(10, "none"), (50, "offline")])
@@ -132,8 +125,8 @@ def test_outputs_on_a_full_disk_are_an_error_in_one_line(kib: int, mode: str, tm
     outputs = f"{out}/out.mcap --rerun {out}/out.rrd"
     line = f"ulimit -f {kib}; exec {PROGRAM} process drive.mcap {outputs} --set track.mode={mode} --set {CLUSTERS}"
     done = shell(f"unset ${{!COVERAGE*}}; {line}", tmp_path, PYTHONDONTWRITEBYTECODE="1")
-    assert done.returncode == 1
-    (error,) = [line for line in done.stderr.splitlines() if " frames, " not in line]
+    assert done.code == 1
+    (error,) = [line for line in done.err.splitlines() if " frames, " not in line]
     if mode == "none":
         assert error.startswith(f"lidcam: error: {out}/out.")
         assert "cannot be written: File too large" in error

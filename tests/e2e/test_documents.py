@@ -8,7 +8,6 @@ import io
 import re
 import shlex
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -21,7 +20,7 @@ import numpy as np
 import pytest
 from builders import write_mcap
 from captures import capture_of, pcap
-from command import Run, called
+from command import called, shell
 from document_commands import ROOT, commands_of_help, commands_of_pages, pages
 from licences import PYPROJECT
 from onnx_files import write_yolox
@@ -223,12 +222,6 @@ RUNNABLE = [command for command in all_commands() if not exceptions_to(command)]
 COMMANDS = [*distinct([one for one in RUNNABLE if one not in INCOMPLETE]), *sorted(INCOMPLETE)]
 
 
-def shell(line: str, cwd: Path) -> Run:
-    """Run a line of bash."""
-    done = subprocess.run(["bash", "-c", line], cwd=cwd, capture_output=True, text=True, check=False)
-    return Run(done.returncode, done.stdout, done.stderr)
-
-
 @pytest.fixture(scope="module")
 def url() -> Iterator[str]:
     with range_server({"/drive.mcap": CROSSING.read_bytes()}) as server:
@@ -250,7 +243,7 @@ def test_commands_do_what_they_say(command: str, url: str, tmp_path: Path, monke
         program = Path(sys.executable).with_name(words[0])
         rest = shlex.join(words[signs[0] + 1 :])
         line = f"{program} {shlex.join(shortened(words[: signs[0]])[1:])} {words[signs[0]]} {rest}"
-        run = shell(f"set -o pipefail; {line}", tmp_path)
+        run = shell(line, tmp_path)
     elif words[0] == "python":
         run = shell(shlex.join([sys.executable, *words[1:]]), ROOT)
     else:

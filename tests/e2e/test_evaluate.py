@@ -4,7 +4,6 @@ import json
 import os
 import re
 import shutil
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 import pytest
 import yaml
 from builders import in_order, write_rosbag1
-from command import Lidcam
+from command import Lidcam, shell
 from document_commands import ROOT
 from helpers import CLUSTERS
 
@@ -83,13 +82,6 @@ def test_the_workflow_runs(sandbox: Path, first_messages: dict[str, list[RawMess
     assert commands[0].startswith("pip install lidcam==")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     for command in (golden, *commands[1:]):
-        done = subprocess.run(
-            ["bash", "-e", "-o", "pipefail", "-c", command],
-            cwd=tmp_path,
-            env={**os.environ, "PATH": path},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, f"{command}\n{done.stderr}"
+        done = shell(command, tmp_path, PATH=path)
+        assert done.code == 0, f"{command}\n{done.err}"
     assert (tmp_path / "figures.json").is_file()

@@ -56,6 +56,13 @@ def called(folder: Path, *arguments: object, program: str = "lidcam") -> Run:
     return Run(code, out.getvalue(), err.getvalue())
 
 
+def shell(line: str, folder: Path, **environment: str) -> Run:
+    """Run a line of bash in a folder."""
+    command, variables = ["bash", "-e", "-o", "pipefail", "-c", line], os.environ | environment
+    done = subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, check=False)
+    return Run(done.returncode, done.stdout, done.stderr)
+
+
 CALLS = """
 import json, sys
 from dataclasses import asdict

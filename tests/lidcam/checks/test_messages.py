@@ -16,9 +16,9 @@ from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.combine import GroundConfig
 
 
-def measured(points: Mapping[str, int]) -> FrameResult:
+def measured(points: Mapping[str, int], index: int = 0) -> FrameResult:
     """A frame to which each lidar sent a message."""
-    result = frame()
+    result = frame(index)
     return replace(result, combined=replace(result.combined, points_by_lidar=points))
 
 
@@ -27,31 +27,36 @@ def without_messages(result: FrameResult, topic: str) -> FrameResult:
     return replace(result, bundle=replace(result.bundle, messages=messages))
 
 
+def of_lidar2(*points: int) -> list[FrameResult]:
+    """Frames with so many points of it."""
+    return [measured({"lidar1": 5, "lidar2": count}, index) for index, count in enumerate(points)]
+
+
+EMPTY = "without a single point in range"
+UNREADABLE = replace(measured({"lidar1": 5}), drops=(Drop("/lidar2", 1, "cannot be decoded"),))
+
+
 @pytest.mark.parametrize(
-    ("frames", "subjects"),
+    ("frames", "told"),
     [
         ([], []),
-        ([measured({"lidar1": 5, "lidar2": 7})], []),
-        ([measured({"lidar1": 5, "lidar2": 0})], ["lidar2"]),
-        ([measured({"lidar1": 5, "lidar2": 0}), measured({"lidar1": 0, "lidar2": 1})], []),
-        ([measured({}), measured({})], ["lidar1", "lidar2"]),
+        (of_lidar2(7), []),
+        (of_lidar2(0), [f"lidar2: 1 messages {EMPTY}"]),
+        ([*of_lidar2(0), measured({"lidar1": 0, "lidar2": 1})], []),
+        ([measured({}), measured({})], [f"{name}: 2 messages {EMPTY}" for name in ("lidar1", "lidar2")]),
         ([without_messages(measured({"lidar1": 5}), "/lidar2")], []),
+        (of_lidar2(5, 5, 0, 0, 0), [f"lidar2: 3 of 5 messages {EMPTY}, in frames 2 to 4"]),
+        (of_lidar2(*[0] * 3, *[5] * 28), []),  # less than a tenth
+        ([UNREADABLE], ["lidar2: none of its 1 messages can be decoded"]),
     ],
 )
-def test_lidars_without_a_point_are_named(frames: list[FrameResult], subjects: list[str]) -> None:
+def test_lidars_without_a_point_are_named(frames: list[FrameResult], told: list[str]) -> None:
     check = LidarCheck(RIG)
     for result in frames:
         check.add_frame(result)
-    assert [warning.subject for warning in check.warnings] == subjects
-
-
-def test_messages_that_cannot_be_decoded_are_not_called_empty() -> None:
-    check, result = LidarCheck(RIG), measured({"lidar1": 5})
-    bad = result.bundle.messages["/lidar2"]
-    check.add_frame(replace(result, drops=(Drop("/lidar2", bad.stamp_ns, "cannot be decoded"),)))
-    assert [str(warning) for warning in check.warnings] == [
-        "lidar2: none of its 1 messages can be decoded; -v lists the reasons"
-    ]
+    empty = "the lidar may be covered, or its motor may stand still; else see combine.min_range_m and max_range_m"
+    remedies = ["-v lists the reasons" if "decoded" in one else empty for one in told]
+    assert [*map(str, check.warnings)] == [f"{one}; {remedy}" for one, remedy in zip(told, remedies, strict=True)]
 
 
 @pytest.mark.parametrize(
@@ -89,23 +94,6 @@ def test_clouds_without_ground_are_told(frames: int, groundless: int, *, is_told
     check.add_frame(replace(frame(), combined=empty))
     told = [f"none was found in {groundless} of {frames} frames, and"] * is_told
     assert [warning.finding[: len(told[0])] for warning in check.warnings] == told
-
-
-@pytest.mark.parametrize(
-    ("points", "text"),
-    [
-        ([5, 5, 0, 0, 0], "3 of 5 messages without a single point in range, in frames 2 to 4"),
-        ([0] * 3 + [5] * 28, None),  # less than a tenth
-        ([0] * 3, "3 messages without a single point in range"),
-    ],
-)
-def test_a_lidar_that_is_empty_for_a_time_is_named(points: list[int], text: str | None) -> None:
-    check = LidarCheck(RIG)
-    for index, count in enumerate(points):
-        result = measured({"lidar1": 5, "lidar2": count})
-        check.add_frame(replace(result, bundle=replace(result.bundle, index=index)))
-    remedy = "the lidar may be covered, or its motor may stand still; else see combine.min_range_m and max_range_m"
-    assert [str(warning) for warning in check.warnings] == ([f"lidar2: {text}; {remedy}"] if text else [])
 
 
 def repeated(index: int, *topics: str) -> FrameResult:

@@ -37,15 +37,15 @@ def cloud(number: int, T_level_lidar: F64, *, floor: bool = True) -> RawMessage:
     )
 
 
-def level(messages: list[RawMessage], rig: dict[str, Any] | None = None, **sections: Any) -> F64 | None:
+def level(messages: list[RawMessage], file: dict[str, Any] | None = None, **sections: Any) -> F64 | None:
     """(3, 3) rotation from the lidar to the level frame; None if there is none."""
     recording, config = MemoryRecording(messages), Config.model_validate(sections)
-    file = None if rig is None else RigFile.model_validate(rig)
-    found = level_site(recording, config, file, discover_rig(recording, config, file))
+    rig = None if file is None else RigFile.model_validate(file)
+    found = level_site(recording, config, rig, discover_rig(recording, config, rig))
     if found is None:
         return None
     told = found.told(discover_rig(recording, config, found.rig_file))
-    assert told.sources[0].extrinsics == f"{'rig file' if file else 'ground'}: lidar_level <- lidar"
+    assert told.sources[0].extrinsics == f"{'rig file' if rig else 'ground'}: lidar_level <- lidar"
     assert told.notes[-1].startswith("lidar: the ground is tilted by ")
     (lidar,) = told.rig.lidars
     assert (lidar.T_site_lidar.dst, lidar.T_site_lidar.translation.tolist()) == ("lidar_level", [0, 0, 0])
@@ -85,16 +85,12 @@ TILTED = turn(0, 15)
         pytest.param([cloud(0, turn(0, 60))], {}, id="a wall would be a floor"),
         pytest.param([cloud(0, turn(180, 0), floor=False)], {}, id="upside down without a floor"),
         pytest.param([cloud(row, turn(0, 15 + 3 * row)) for row in range(6)], {}, id="carried by hand"),
-        pytest.param([cloud(0, TILTED)], {"rig": {"site_frame": "lidar"}}, id="named by the rig file"),
-        pytest.param([cloud(0, TILTED)], {"rig": {"ground_height_m": -1.7}}, id="with the height of the ground"),
+        pytest.param([cloud(0, TILTED)], {"file": {"site_frame": "lidar"}}, id="named by the rig file"),
+        pytest.param([cloud(0, TILTED)], {"rig": {"site_frame": "lidar"}}, id="named by the settings"),
+        pytest.param([cloud(0, TILTED)], {"file": {"ground_height_m": -1.7}}, id="with the height of the ground"),
         pytest.param([static(("base_link", "lidar", (0, 0, 1.7))), cloud(0, TILTED)], {}, id="in a frame of tf"),
         pytest.param([static(("lidar", "lidar_level", (0, 0, 0))), cloud(0, TILTED)], {}, id="there is one"),
     ],
 )
 def test_the_site_frame_stays(messages: list[RawMessage], options: dict[str, Any]) -> None:
     assert level(messages, **options) is None
-
-
-def test_the_site_frame_of_the_settings_stays() -> None:
-    recording, config = MemoryRecording([cloud(0, TILTED)]), Config.model_validate({"rig": {"site_frame": "lidar"}})
-    assert level_site(recording, config, None, discover_rig(recording, config)) is None

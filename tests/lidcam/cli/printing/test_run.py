@@ -9,6 +9,7 @@ from summaries import changed, printed, sound_summary
 
 from lidcam.cli.printing.numbers import Units
 from lidcam.pipeline.evaluation.road_users import RoadUserCount, RoadUsers
+from lidcam.run.box_sources import ADVICE
 from lidcam.run.missing import MissingSensor
 from lidcam.run.summary import DropCount, RunSummary
 from lidcam.run.warning import RunWarning
@@ -46,7 +47,7 @@ def test_without_tracks_and_without_any() -> None:
     assert short(road_users=RoadUsers((), ()))[2] == "no road users"
 
 
-def test_sound_runs_take_a_dozen_lines() -> None:
+def test_runs_take_a_dozen_lines() -> None:
     many = [replace(CARS, class_name=name) for name in ("car", "pedestrian", "bicycle", "truck", "bus")]
     outputs = tuple(Path("a drive.lidcam") / f"a drive{ending}" for ending in (".mcap", ".rrd", ".foxglove.json"))
     lines = short(road_users=RoadUsers(tuple(many), ()), outputs=(*outputs, Path("other.html"), Path("film.mp4")))
@@ -56,22 +57,14 @@ def test_sound_runs_take_a_dozen_lines() -> None:
         "to look at it: lidcam view 'a drive.lidcam/a drive.rrd' (or other.html, .mcap, film.mp4)",
     ]
 
-
-def test_a_run_without_a_network_takes_a_dozen_lines_on_a_terminal() -> None:
-    """As 3 s of a street do."""
-    outputs = tuple(Path(f"drive.lidcam/drive{ending}") for ending in (".mcap", ".rrd", ".html", ".foxglove.json"))
+    # As 3 s of a street without a 2D network, on a terminal.
     boxes = "11 pedestrian, 13 bus boxes score 0.2 to 0.5, below it"
     warning = RunWarning("fuse.min_score", boxes, "use --model-2d to tell which are right")
-    users = RoadUsers((replace(CARS, zone=""), PARKED), ())
-    words = (
-        "none (lidar-only); a network",
-        "The cameras are not used. Type `lidcam fetch yolox-nano`, then run this again.",
-    )
-    summary = changed(sound_summary(), sensors={"box_words": words}, drops={"messages": ()})
-    summary = replace(summary, outputs=outputs, warnings=(warning,), road_users=users)
+    summary = changed(sound_summary(), sensors={"box_words": ("none (lidar-only); a network", ADVICE)})
+    summary = replace(summary, outputs=outputs, warnings=(warning,), road_users=RoadUsers((CARS, PARKED), ()))
     lines = printed(summary, details=False, width=80).splitlines()
     assert len(lines) <= 12
-    assert lines[-1] == "to look at it: lidcam view drive.lidcam/drive.rrd (or .html, .mcap)"
+    assert "".join(lines[-2:]).endswith("lidcam view 'a drive.lidcam/a drive.rrd' (or .mcap)")
 
 
 def test_what_was_dropped_and_what_is_missing() -> None:
