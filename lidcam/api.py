@@ -262,7 +262,6 @@ def batch(
         from lidcam.cli.printing.batch import shown_batch
 
         watch = shown_batch
-    wanted = {"--rerun": rerun, "--report": report, "--objects": objects, "--video": video}
     (place,) = locations(output)
     done = process_batch(
         [fspath(one) for one in ([recordings] if isinstance(recordings, str | PathLike) else recordings)],
@@ -270,7 +269,7 @@ def batch(
         jobs=jobs,
         engine=engine,
         address=address,
-        outputs=[option for option, is_wanted in wanted.items() if is_wanted],
+        outputs={"--rerun": rerun, "--report": report, "--objects": objects, "--video": video},
         overwrite=overwrite,
         watch=watch,
         **options,

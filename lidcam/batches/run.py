@@ -3,7 +3,7 @@
 import base64
 import logging
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -175,14 +175,15 @@ def process_batch(
     jobs: int | None = None,
     engine: Literal["local", "ray"] = "local",
     address: str | None = None,
-    outputs: Sequence[str] = (),
+    outputs: Mapping[str, bool],
     overwrite: bool = False,
     watch: WatchBatch = not_watched,
     **options: Unpack[SharedOptions],
 ) -> BatchResult:
     """Process many recordings, as `lidcam.batch` says.
 
-    `outputs` are the options of `lidcam process` that name further outputs (`--rerun`); `watch` shows the progress.
+    `outputs` says of options of `lidcam process` (`--rerun`) whether these outputs are wanted, too; `watch` shows the
+    progress.
 
     Raises:
         LidcamError: the settings, the rig or an output is at fault, or there are no recordings.
@@ -201,7 +202,7 @@ def process_batch(
     if job.config.run.workers is None:
         options["workers"] = cores
         job = make_job((), overwrite=overwrite, **options)
-    endings = [endings_of(option)[0] for option in outputs]
+    endings = [endings_of(option)[0] for option, is_wanted in outputs.items() if is_wanted]
     store = Store(out)
     runs = RayEngine(jobs if address else at_once, cores, address) if engine == "ray" else LocalEngine(at_once)
     with watch(found) as told:

@@ -69,14 +69,13 @@ def batch(
 
     if address is not None and engine != "ray":
         raise typer.BadParameter("expected --engine ray with it", param_hint="--address")
-    switches = {"--rerun": rerun, "--report": report, "--objects": objects, "--video": video}
     done = process_batch(
         recordings,
         location(out),
         jobs=jobs,
         engine=engine,
         address=address,
-        outputs=[option for option, is_wanted in switches.items() if is_wanted],
+        outputs={"--rerun": rerun, "--report": report, "--objects": objects, "--video": video},
         overwrite=reprocess,
         watch=shown_batch,
         **options,

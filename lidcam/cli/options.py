@@ -163,7 +163,10 @@ def with_log_options(command: Callable[..., None]) -> Callable[..., None]:
         level = Verbosity.VERBOSE if verbose else Verbosity.QUIET if quiet else Verbosity.NORMAL
         configure_logging(level, log_file)
         if verbose or log_file is not None:
-            _log_versions()
+            from importlib.metadata import version  # it takes a fifth of what --help does
+            from platform import platform, python_version
+
+            logger.info("lidcam %s, Python %s, %s", version("lidcam"), python_version(), platform())
         command(*args, **kwargs)
 
     options = {"verbose": (Verbose, False), "quiet": (Quiet, False), "log_file": (LogFile, None)}
@@ -194,16 +197,9 @@ def _with_parameters(
     return wrapper
 
 
-def _log_versions() -> None:
-    from importlib.metadata import version
-    from platform import platform, python_version
-
-    logger.info("lidcam %s, Python %s, %s", version("lidcam"), python_version(), platform())
-
-
 def _version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version  # it takes a fifth of what --help does
+        from importlib.metadata import version
 
         typer.echo(f"lidcam {version('lidcam')}")
         raise typer.Exit

@@ -1,6 +1,6 @@
 """What a plot shows behind the tracks: where the sensors stood in each frame, and what stands around."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -95,11 +95,6 @@ def read_site_map(path: Path) -> SiteMap:
         matrices = [np.full((4, 4), np.nan) if pose is None else pose.matrix for pose in poses]
         background = background_of(result, () if result.is_adrift else [message.log_time_ns for message in fused])
         T_fixed_site = np.array(matrices).reshape(-1, 4, 4)
-        moves = result.is_adrift or _differ(T_fixed_site)
+        known = T_fixed_site[np.isfinite(T_fixed_site).all((1, 2))]
+        moves = result.is_adrift or bool((known != known[:1]).any())
         return SiteMap(T_fixed_site, background, moves, result.is_adrift)
-
-
-def _differ(poses: Sequence[F64] | F64) -> bool:
-    """Whether some poses are others than the first one that is known."""
-    known = [pose for pose in poses if np.isfinite(pose).all()]
-    return any((pose != known[0]).any() for pose in known[1:])

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
-from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -42,11 +41,16 @@ def provenance_of(job: Job, source: RunInput, inputs: InputFiles, summary: Calla
     named |= {f"{key}.name": name for key, name in job.given.names.items()}
     if "network" in inputs.named:
         named["network.provider"] = source.config.detect2d.provider
+
+    def checksums() -> dict[str, str]:
+        files = {f"input.{row}": file for row, file in enumerate(inputs.finish())} | dict(inputs.named)
+        return {f"{key}.{fact}": value for key, file in files.items() for fact, value in file.as_read.items()}
+
     return Provenance(
         version=version("lidcam"),
         inputs=tuple(file.provenance for file in inputs.unread),
         fingerprint=inputs.fingerprint,
-        checksums=partial(_checksums, inputs),
+        checksums=checksums,
         settings=str(source.settings),
         config_yaml=lasting_settings(source.config),
         rig_yaml=rig_yaml(source.rig),
@@ -55,11 +59,6 @@ def provenance_of(job: Job, source: RunInput, inputs: InputFiles, summary: Calla
         named=named,
         summary=lambda: summary_text(summary(), job),
     )
-
-
-def _checksums(inputs: InputFiles) -> dict[str, str]:
-    files = {f"input.{row}": file for row, file in enumerate(inputs.finish())} | dict(inputs.named)
-    return {f"{key}.{fact}": value for key, file in files.items() for fact, value in file.as_read.items()}
 
 
 def summary_text(summary: RunSummary, job: Job) -> str:
