@@ -5,6 +5,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path, PurePath
 from typing import TypeVar
 from unicodedata import category
@@ -109,14 +110,17 @@ def _told_apart(jobs: Sequence[BatchJob]) -> list[BatchJob]:
     return told
 
 
+def _lines(text: str) -> list[str]:
+    """The lines of the list that a text names; else the text."""
+    if not text.startswith("@"):
+        return [text]
+    found = read_small_text(Path(text[1:]), MAX_LIST_BYTES, "a list of recordings", RecordingError)
+    return [line for line in map(str.strip, found.splitlines()) if line and not line.startswith("#")]
+
+
 def _listed(given: Iterable[str], out: Location) -> Iterator[str]:
-    for text in given:
-        if text.startswith("@"):
-            path = Path(text[1:])
-            text = read_small_text(path, MAX_LIST_BYTES, "a list of recordings", RecordingError)
-            lines = map(str.strip, text.splitlines())
-            yield from (line for line in lines if line and not line.startswith("#"))
-        elif "://" not in text and not Path(text).exists() and glob.has_magic(text):
+    for text in chain.from_iterable(map(_lines, given)):
+        if "://" not in text and not Path(text).exists() and glob.has_magic(text):
             found = sorted(glob.glob(text, recursive=True))  # noqa: PTH207  # absolute or relative, as it was given
             if not found:
                 raise RecordingError(f"{text}: expected recordings, found nothing of this pattern")

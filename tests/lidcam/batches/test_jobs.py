@@ -68,6 +68,8 @@ def test_files_patterns_lists_and_urls(logs: Path, tmp_path: Path) -> None:
     # With the mark and the ends of lines of an editor of Windows.
     listed.write_text(f"# a comment\r\n{a}\r\n  # another\r\n\r\n{logs / 'day2' / 'bag'}\r\n", encoding="utf-8-sig")
     assert names([f"@{listed}"], out) == ["a", "bag"]
+    listed.write_text(f"{logs / 'day1' / '*.bag'}\n")
+    assert names([f"@{listed}"], out) == ["a"]
     (job,) = find_jobs(["https://host/b.mcap?signature=secret"], out)
     assert job.name == "b"
     assert isinstance(job.inputs[0], RemotePath)
