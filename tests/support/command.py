@@ -65,11 +65,10 @@ def shell(line: str, folder: Path, **environment: str) -> Run:
 
 CALLS = """
 import json, sys
-from dataclasses import asdict
 from pathlib import Path
 from command import called
 
-print(json.dumps([asdict(called(Path(), *command)) for command in json.loads(sys.argv[1])]))
+print(json.dumps([vars(called(Path(), *command)) for command in json.loads(sys.argv[1])]))
 """
 
 

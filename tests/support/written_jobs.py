@@ -4,10 +4,8 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from lidcam.batches.jobs import BatchJob
 from lidcam.batches.local import LocalEngine, Task
 from lidcam.batches.records import EXIT_CODES, JobRecord, State, with_outputs
-from lidcam.batches.run import BatchOptions, run_batch
 from lidcam.writers.outputs.transaction import OutputTransaction
 
 
@@ -31,9 +29,3 @@ class Written(LocalEngine):
             outputs[output].write_bytes(content)
         state: State = "incomplete" if content.startswith(b"cut") else "done"
         return with_outputs(replace(task.record, state=state, exit_code=EXIT_CODES[state]), task.outputs)
-
-
-def written(jobs: list[BatchJob], options: BatchOptions) -> tuple[list[JobRecord], list[str]]:
-    """The records of a batch, and the recordings that were processed for them."""
-    engine = Written()
-    return run_batch(jobs, options, engine, lambda _: None), engine.ran

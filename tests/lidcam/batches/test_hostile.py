@@ -8,11 +8,11 @@ from itertools import chain
 from pathlib import Path
 
 import pytest
-from written_jobs import written
+from written_jobs import Written
 
 from lidcam.batches.jobs import RECORDS, BatchJob, find_jobs
 from lidcam.batches.records import JobRecord, record_of, record_text
-from lidcam.batches.run import BatchOptions
+from lidcam.batches.run import BatchOptions, run_batch
 from lidcam.batches.store import Store, records_table
 from lidcam.outputs.written import WrittenFile
 from lidcam.readers.location import RemotePath
@@ -46,7 +46,9 @@ class Found:
 
 
 def batch(jobs: list[BatchJob], out: Path) -> tuple[list[JobRecord], list[str]]:
-    return written(jobs, BatchOptions(out, Job(())))
+    """Its records, and the recordings that were processed for them."""
+    engine = Written()
+    return run_batch(jobs, BatchOptions(out, Job(())), engine, lambda _: None), engine.ran
 
 
 def test_keys_choose_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

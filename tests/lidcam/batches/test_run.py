@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO
 
 import pytest
-from written_jobs import Written, written
+from written_jobs import Written
 
 from lidcam.batches.jobs import RECORDS, BatchJob, find_jobs
 from lidcam.batches.local import Engine, LocalEngine, Task
@@ -43,8 +43,9 @@ def folder(options: BatchOptions) -> Path:
 
 def done(jobs: list[BatchJob], options: BatchOptions) -> tuple[list[str], list[str]]:
     """The states, and the recordings that were processed for them."""
-    records, ran = written(jobs, options)
-    return [record.state for record in records], ran
+    engine = Written()
+    records = run_batch(jobs, options, engine, lambda _: None)
+    return [record.state for record in records], engine.ran
 
 
 def test_a_bad_recording_stops_no_other_and_the_longest_is_first(jobs: list[BatchJob], options: BatchOptions) -> None:

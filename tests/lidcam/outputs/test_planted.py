@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 from command import called
-from written_jobs import written
+from written_jobs import Written
 
 from lidcam.batches.jobs import RECORDS, find_jobs
-from lidcam.batches.run import BatchOptions
+from lidcam.batches.run import BatchOptions, run_batch
 from lidcam.batches.store import TABLE, Store, records_table
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.run.job import Job
@@ -170,7 +170,7 @@ def test_a_batch_writes_and_reads_nothing_elsewhere(
         plant(out / place, home)
         try:
             jobs = find_jobs([str(tmp_path / "logs")], out)
-            (b, a), _ = written(jobs, BatchOptions(out, Job(())))
+            b, a = run_batch(jobs, BatchOptions(out, Job(())), Written(), lambda _: None)
             Store(out).keep_table(records_table([a, b]))
             outcomes[kind] = f"{a.state} {b.state}{a.message}"
         except OutputError as err:
