@@ -1,7 +1,8 @@
 """Records of a frame as Rerun's archetypes."""
 
 from collections.abc import Sequence
-from typing import Literal
+from itertools import compress
+from typing import Any, Literal
 
 import numpy as np
 import rerun as rr
@@ -12,20 +13,15 @@ from lidcam.pipeline.core.detections import Boxes3D, source_names
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.true_boxes import TrueBoxes
 from lidcam.writers.drawing import DrawnBoxes2D, DrawnObjects, ObjectEdges, ground_ellipses, labels_in_the_clear
-from lidcam.writers.palette import (
-    CAMERA_ONLY,
-    GROUND,
-    HEIGHT_COLORS,
-    TRUTH,
-    Rgb,
-    height_rows,
-)
+from lidcam.writers.palette import CAMERA_ONLY, GROUND, HEIGHT_COLORS, TRUTH, height_rows
 
 Look = Literal["strong", "thin"]
 """`strong`: thick lines and faint faces; `thin`: thin lines, of objects that are faint or shown by no lidar."""
 
 LINE_POINTS: dict[Look, float] = {"strong": 1.5, "thin": 0.7}
 """Half the width of lines on the screen."""
+
+FILL: dict[Look, Any] = {"strong": "TransparentFillMajorWireframe", "thin": "MajorWireframe"}
 
 LEGEND_STEP = 0.2
 """Distance of the lines of the legend, as a share of the width of a column."""
@@ -64,23 +60,24 @@ def ground_points(combined: CombinedCloud) -> rr.Points3D:
 
 
 def objects_3d(drawn: DrawnObjects, rows: Bools, look: Look) -> rr.Boxes3D:
-    """Some of the fused objects.
+    """Those of the fused objects that a mask (N,) chooses."""
+    objects, labels = drawn.boxes.select(rows), [*compress(drawn.labels, rows)]
+    return _boxes(objects.centers, objects.sizes, objects.yaws, bytes_of(drawn.colors[rows]), labels, look)
 
-    Args:
-        drawn: All of them.
-        rows: (N,) which of them.
-        look: Their look.
-    """
-    objects = drawn.boxes.select(rows)
+
+def _boxes(
+    centers: Any, sizes: Any, yaws: F64, colors: Any, labels: Any, look: Look, points: float | None = None
+) -> rr.Boxes3D:
+    """Boxes in the lines of a look, unless others are wanted, with labels to be read in the viewer."""
     return rr.Boxes3D(
-        centers=objects.centers,
-        sizes=objects.sizes,
-        quaternions=turns_of(objects.yaws),
-        colors=bytes_of(drawn.colors[rows]),
-        labels=[label for label, chosen in zip(drawn.labels, rows.tolist(), strict=True) if chosen],
+        centers=centers,
+        sizes=sizes,
+        quaternions=turns_of(yaws),
+        colors=colors,
+        labels=labels,
         show_labels=False,
-        fill_mode="TransparentFillMajorWireframe" if look == "strong" else "MajorWireframe",
-        radii=rr.Radius.ui_points(LINE_POINTS[look]),
+        fill_mode=FILL[look],
+        radii=rr.Radius.ui_points(LINE_POINTS[look] if points is None else points),
     )
 
 
@@ -91,39 +88,22 @@ def own_vehicle(middle: F64, front: F64) -> rr.Boxes3D:
         middle: (3,) on the ground, below the middle of the sensors, metres.
         front: (2,) unit vector in which it drives.
     """
-    return rr.Boxes3D(
-        centers=[middle + _OWN_SIZE_M * np.array([0.0, 0.0, 0.5])],
-        sizes=[_OWN_SIZE_M],
-        quaternions=turns_of(np.arctan2(front[1:], front[:1])),
-        colors=OWN_VEHICLE,
-        labels="own vehicle",
-        show_labels=False,
-        fill_mode="TransparentFillMajorWireframe",
-        radii=rr.Radius.ui_points(1.0),
-    )
+    center, yaw = middle + _OWN_SIZE_M * [0.0, 0.0, 0.5], np.arctan2(front[1:], front[:1])
+    return _boxes([center], [_OWN_SIZE_M], yaw, OWN_VEHICLE, "own vehicle", "strong", 1.0)
 
 
 def legend(named: Sequence[tuple[str, tuple[int, int, int]]], first: int) -> rr.Points2D:
     """Colours and what has them, in two columns, from place `first` on: place 0 is at the top left, 1 beside it."""
     rows = first + np.arange(len(named))
-    return rr.Points2D(
-        np.stack([rows % 2 + 0.5, rows // 2 * LEGEND_STEP], 1),
-        colors=[color for _, color in named],
-        labels=[name for name, _ in named],
-        radii=0.0,
-        show_labels=True,
-    )
+    names, colors = zip(*named, strict=True)
+    places = np.stack([rows % 2 + 0.5, rows // 2 * LEGEND_STEP], 1)
+    return rr.Points2D(places, colors=colors, labels=names, radii=0.0, show_labels=True)
 
 
 def object_texts(drawn: DrawnObjects, texts: Sequence[str], places: F64, rows: Bools) -> rr.Points3D:
     """Texts (N,) at places (N, 3) of some of the fused objects, which never wrap and have no point."""
-    return rr.Points3D(
-        places[rows],
-        colors=bytes_of(drawn.colors[rows]),
-        radii=0.0,
-        labels=[text for text, chosen in zip(texts, rows.tolist(), strict=True) if chosen],
-        show_labels=True,
-    )
+    colors, labels = bytes_of(drawn.colors[rows]), [*compress(texts, rows)]
+    return rr.Points3D(places[rows], colors=colors, radii=0.0, labels=labels, show_labels=True)
 
 
 def label_lines(drawn: DrawnObjects, places: F64, rows: Bools) -> rr.LineStrips3D:
@@ -143,34 +123,22 @@ def object_facts(drawn: DrawnObjects, rows: Bools) -> rr.DynamicArchetype:
 def trails(drawn: DrawnObjects, paths: Sequence[F64]) -> rr.LineStrips3D:
     """The trails of the fused objects that have one, in their colours."""
     rows = [row for row, path in enumerate(paths) if len(path)]
-    return rr.LineStrips3D(
-        [paths[row] for row in rows],
-        colors=bytes_of(drawn.colors[rows]),
-        radii=rr.Radius.ui_points(1.6),
-    )
-
-
-def object_ellipses(drawn: DrawnObjects, rows: Bools) -> rr.LineStrips3D:
-    """An ellipse of one standard deviation on the ground, around some of the fused objects."""
-    objects = drawn.boxes.select(rows)
-    return _ellipses(objects, bytes_of(drawn.colors[rows]))
+    colors, radius = bytes_of(drawn.colors[rows]), rr.Radius.ui_points(1.6)
+    return rr.LineStrips3D([paths[row] for row in rows], colors=colors, radii=radius)
 
 
 def placed_boxes(boxes: Boxes3D, class_names: Sequence[str]) -> rr.Boxes3D:
     """Boxes that the cameras alone place: edges, with class and score to be read in the viewer."""
     columns = zip(boxes.class_ids.tolist(), boxes.scores.tolist(), strict=True)
-    return _edges(boxes, [f"{class_names[class_id]} {score:.2f}" for class_id, score in columns], CAMERA_ONLY, 0.7)
+    labels = [f"{class_names[class_id]} {score:.2f}" for class_id, score in columns]
+    return _boxes(boxes.centers, boxes.sizes, boxes.yaws, CAMERA_ONLY.bytes_rgb, labels, "thin")
 
 
-def placed_ellipses(boxes: Boxes3D) -> rr.LineStrips3D:
-    """Ellipses of one standard deviation of their places."""
-    return _ellipses(boxes, np.tile(np.array(CAMERA_ONLY.bytes_rgb, np.uint8), (len(boxes), 1)))
-
-
-def _ellipses(boxes: Boxes3D, colors: U8) -> rr.LineStrips3D:
+def ellipses(boxes: Boxes3D, colors: F64) -> rr.LineStrips3D:
+    """Ellipses on the ground, of one standard deviation, around boxes, in colours (N, 3) in [0, 1]."""
     points = ground_ellipses(boxes)
     closed = np.concatenate([points, points[:, :1]], 1)
-    return rr.LineStrips3D(closed, colors=colors, radii=rr.Radius.ui_points(0.7))
+    return rr.LineStrips3D(closed, colors=bytes_of(colors), radii=rr.Radius.ui_points(0.7))
 
 
 def turns_of(yaws: F64) -> F64:
@@ -181,21 +149,7 @@ def turns_of(yaws: F64) -> F64:
 
 def truth_boxes(truth: TrueBoxes) -> rr.Boxes3D:
     """Objects of the truth: their edges and classes."""
-    return _edges(truth, [*truth.labels], TRUTH, 1.0)
-
-
-def _edges(boxes: Boxes3D | TrueBoxes, labels: Sequence[str], color: Rgb, radius: float) -> rr.Boxes3D:
-    """The edges of boxes, with labels to be read in the viewer."""
-    return rr.Boxes3D(
-        centers=boxes.centers,
-        sizes=boxes.sizes,
-        quaternions=turns_of(boxes.yaws),
-        colors=color.bytes_rgb,
-        labels=labels,
-        show_labels=False,
-        fill_mode="MajorWireframe",
-        radii=rr.Radius.ui_points(radius),
-    )
+    return _boxes(truth.centers, truth.sizes, truth.yaws, TRUTH.bytes_rgb, [*truth.labels], "thin", 1.0)
 
 
 def heading_arrows(drawn: DrawnObjects, rows: Bools) -> rr.Arrows3D:

@@ -1,6 +1,6 @@
 """The layout of a Rerun recording: its views, and the eyes of the 3D views."""
 
-from typing import Any
+from typing import Any, Literal
 
 import rerun.blueprint as rrb
 
@@ -51,18 +51,17 @@ def blueprint(survey: SceneSurvey, viewpoint: Viewpoint, *, is_tracked: bool) ->
     """The scene, the images in their aspects, in the order in which the cameras look around, and the plots."""
     panels, cameras = _panels(survey.rig), _shown(survey.rig)
     scene, plots = _scene(survey, viewpoint, panels.scene_aspect), _plots(panels, is_tracked=is_tracked)
+    is_right = panels.side == "right"
     layout: Any = rrb.Tabs(scene, rrb.Vertical(plots, name="Plots"), active_tab=0)
     if cameras:
         images: Any = rrb.Grid(*map(_image_view, cameras), grid_columns=panels.columns)
-        beside = [1 - panels.plot_share, panels.plot_share]
         if panels.plot_share:
             layout = scene
-        if panels.side == "right":
-            images = rrb.Vertical(images, plots, row_shares=beside) if panels.plot_share else images
-            layout = rrb.Horizontal(layout, images, column_shares=[1 - panels.image_share, panels.image_share])
+            images = _shared("column" if is_right else "row", images, plots, 1 - panels.plot_share)
+        if is_right:
+            layout = _shared("row", layout, images, 1 - panels.image_share)
         else:
-            images = rrb.Horizontal(images, plots, column_shares=beside) if panels.plot_share else images
-            layout = rrb.Vertical(images, layout, row_shares=[panels.image_share, 1 - panels.image_share])
+            layout = _shared("column", images, layout, panels.image_share)
     return rrb.Blueprint(
         layout,
         rrb.BlueprintPanel(state="collapsed"),
@@ -73,6 +72,14 @@ def blueprint(survey: SceneSurvey, viewpoint: Viewpoint, *, is_tracked: bool) ->
     )
 
 
+def _shared(direction: Literal["row", "column"], first: Any, second: Any, share: float, name: str = "") -> Any:
+    """Two parts side by side or one above the other, of which the first has this share."""
+    shares = [share, 1 - share]
+    if direction == "row":
+        return rrb.Horizontal(first, second, column_shares=shares, name=name or None)
+    return rrb.Vertical(first, second, row_shares=shares, name=name or None)
+
+
 def _shown(rig: Rig) -> list[CameraSensor]:
     return [camera for camera in cameras_in_order(rig) if camera.topic]
 
@@ -81,30 +88,21 @@ def _panels(rig: Rig) -> Panels:
     return arrange([camera.model.width_px / camera.model.height_px for camera in _shown(rig)])
 
 
-def _scene(survey: SceneSurvey, viewpoint: Viewpoint, aspect: float) -> rrb.Container:
+def _scene(survey: SceneSurvey, viewpoint: Viewpoint, aspect: float) -> Any:
     """The scene in perspective and from above."""
     split = scene_panels(aspect)
     above = survey.above(viewpoint, aspect=split.above_aspect, fov_y_deg=FOV_Y_DEG)
     cameras = _shown(survey.rig)
     flat = [f"- {camera_path(camera)}/{leaf}" for camera in cameras for leaf in ("boxes", "labels", "objects")]
     no_sensors = ["- $origin/cameras/**", "- $origin/lidars/**"]
-    views = [
-        _scene_view("Scene", viewpoint, (0.0, 0.0, 1.0), [*flat, f"- {NUMBERS}"]),
-        _scene_view("From above", above, (*above.up.tolist(), 0.0), [*no_sensors, f"- {LABELS}/**"]),
-    ]
-    shares = [split.share, 1 - split.share]
-    if split.direction == "row":
-        return rrb.Horizontal(*views, column_shares=shares, name="Scene")
-    return rrb.Vertical(*views, row_shares=shares, name="Scene")
+    oblique = _scene_view("Scene", viewpoint, (0.0, 0.0, 1.0), [*flat, f"- {NUMBERS}"])
+    flat_view = _scene_view("From above", above, (*above.up.tolist(), 0.0), [*no_sensors, f"- {LABELS}/**"])
+    return _shared(split.direction, oblique, flat_view, split.share, "Scene")
 
 
 def _scene_view(name: str, view: Viewpoint, up: tuple[float, ...], without: list[str]) -> rrb.Spatial3DView:
-    past = [
-        rrb.VisibleTimeRange(
-            timeline, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
-        )
-        for timeline in TIMELINES
-    ]
+    start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
+    past = [rrb.VisibleTimeRange(timeline, start=start, end=end) for timeline in TIMELINES]
     return rrb.Spatial3DView(
         name=name,
         origin="world",
@@ -127,7 +125,7 @@ def _image_view(camera: CameraSensor) -> rrb.Spatial2DView:
     )
 
 
-def _plots(panels: Panels, *, is_tracked: bool) -> rrb.Container:
+def _plots(panels: Panels, *, is_tracked: bool) -> Any:
     """Speeds and numbers of objects, warnings and skew in tabs; beside them what the colours mean."""
     hidden = rrb.PlotLegend(visible=False)  # it would cover the curves
     counts = ["$origin/objects", "$origin/confirmed"]
@@ -139,7 +137,5 @@ def _plots(panels: Panels, *, is_tracked: bool) -> rrb.Container:
     plots = rrb.Tabs(*[speeds] * is_tracked, objects, log, skew, active_tab=0)
     bounds = rrb.VisualBounds2D(x_range=[0.0, 2.0], y_range=[0.0, 1.2])
     legend = rrb.Spatial2DView(name="Colours", origin=LEGEND, background=BACKGROUND, visual_bounds=bounds)
-    shares = [_PLOTS_SHARE, 1 - _PLOTS_SHARE]
-    if panels.side == "top" and panels.plot_share:  # in a narrow column
-        return rrb.Vertical(plots, legend, row_shares=shares)
-    return rrb.Horizontal(plots, legend, column_shares=shares)
+    is_narrow = panels.side == "top" and panels.plot_share
+    return _shared("column" if is_narrow else "row", plots, legend, _PLOTS_SHARE)

@@ -1,13 +1,12 @@
 """The objects of a frame in Rerun, in 3D and in the images of the cameras, each track at a path of its own."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 import cv2
 import numpy as np
 import rerun as rr
 
-from lidcam.pipeline.core.arrays import U8
 from lidcam.pipeline.core.detections import source_names
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.frame import Missing
@@ -19,9 +18,9 @@ from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
 from lidcam.writers.drawing import DrawnObjects, ObjectEdges, camera_image, drawn_boxes_2d, with_outlines
 from lidcam.writers.labels_3d import LabelPlaces
 from lidcam.writers.messages.sensors import COMPRESSED, read_image
-from lidcam.writers.palette import ZONE, class_color
+from lidcam.writers.palette import CAMERA_ONLY, ZONE, class_color
 from lidcam.writers.rerun import archetypes
-from lidcam.writers.rerun.archetypes import LINE_POINTS, Look, bytes_of, turns_of
+from lidcam.writers.rerun.archetypes import FILL, LINE_POINTS, Look, bytes_of, turns_of
 from lidcam.writers.rerun.blueprint import (
     FOV_Y_DEG,
     LABELS,
@@ -64,11 +63,13 @@ class TrackLog:
             path = f"{TRACKS}/{number}"
             gone.discard(number)
             if number not in self.classes:
-                self._name(path, class_id, f"{drawn.class_names[class_id]} #{number}")
+                name, color = f"{drawn.class_names[class_id]} #{number}", class_color(class_id).bytes_rgb
+                self._recording.log(path, rr.SeriesLines(colors=color, names=name), static=True)
             self.classes[number], self.fastest_m_s = class_id, max(self.fastest_m_s, speed)
             look = self._shown[number] = looks[row], colors[row].tobytes()
-            if before.get(number) != look:
-                self._recording.log(path, _style(looks[row], colors[row]))
+            if before.get(number) != look:  # the same from frame to frame
+                radius, fill = rr.Radius.ui_points(LINE_POINTS[looks[row]]), FILL[looks[row]]
+                self._recording.log(path, rr.Boxes3D.from_fields(colors=colors[row], radii=radius, fill_mode=fill))
             box = rr.Boxes3D.from_fields(
                 centers=boxes.centers[row], half_sizes=boxes.sizes[row] / 2, quaternions=turns[row]
             )
@@ -87,28 +88,9 @@ class TrackLog:
         for number in sorted(gone):
             self._recording.log(f"{TRACKS}/{number}", rr.Clear(recursive=False))
 
-    def _name(self, path: str, class_id: int, name: str) -> None:
-        lines = rr.SeriesLines(colors=class_color(class_id).bytes_rgb, names=name)
-        self._recording.log(path, lines, static=True)
-
-
-def _style(look: Look, color: U8) -> rr.Boxes3D:
-    """What of a box stays the same from frame to frame."""
-    return rr.Boxes3D.from_fields(
-        colors=color,
-        radii=rr.Radius.ui_points(LINE_POINTS[look]),
-        fill_mode="TransparentFillMajorWireframe" if look == "strong" else "MajorWireframe",
-    )
-
 
 JPEG_QUALITY = 90
-_CODECS = {
-    "h264": rr.VideoCodec.H264,
-    "hevc": rr.VideoCodec.H265,
-    "vp8": rr.VideoCodec.VP8,
-    "vp9": rr.VideoCodec.VP9,
-    "av1": rr.VideoCodec.AV1,
-}
+_CODECS = {"hevc": rr.VideoCodec.H265} | {name: rr.VideoCodec[name.upper()] for name in ("h264", "vp8", "vp9", "av1")}
 """What Rerun decodes. A stream has one codec."""
 
 _MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
@@ -175,7 +157,7 @@ class CameraLog:
         if camera.name in self._shown:
             self._shown.remove(camera.name)
             for leaf in ("boxes", "labels", "objects"):
-                self._news.cleared(f"{camera_path(camera)}/{leaf}")
+                self._news.add(f"{camera_path(camera)}/{leaf}")
             for leaf in ("image", "boxes", "labels", "objects"):
                 self._log(leaf, camera, rr.Clear(recursive=False))
 
@@ -210,9 +192,7 @@ class CameraLog:
                 self.waiting_bytes += len(data)
                 return rr.EncodedImage(contents=data, media_type=media_type)
         rgb = self._decode(message).rgb
-        done, jpeg = cv2.imencode(
-            ".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-        )
+        done, jpeg = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
         if not done:
             raise MessageError(f"{message.topic}: an image of {rgb.shape[1]} x {rgb.shape[0]} px cannot become a JPEG")
         self.waiting_bytes += jpeg.nbytes
@@ -222,25 +202,15 @@ class CameraLog:
         self._recording.log(f"{camera_path(camera)}/{leaf}", entity)
 
 
-class News:
-    """Remembers at which paths nothing is drawn; at `empty` ones, nothing is at first."""
-
-    def __init__(self, empty: Iterable[str] = ()) -> None:
-        self._empty = set(empty)
+class News(set[str]):
+    """The paths at which nothing is drawn."""
 
     def at(self, path: str, count: int) -> bool:
         """Whether so many things at a path are to be logged: not where there are none, and there were none."""
-        if count == 0 and path in self._empty:
+        if count == 0 and path in self:
             return False
-        (self._empty.discard if count else self._empty.add)(path)
+        (self.discard if count else self.add)(path)
         return True
-
-    def cleared(self, path: str) -> None:
-        """Take note that nothing is drawn at a path any more."""
-        self._empty.add(path)
-
-
-_OF_TRACKS = ("world/trails",)
 
 
 class ObjectLog:
@@ -257,7 +227,7 @@ class ObjectLog:
         self._recording, self._rig, self._config, self._survey = recording, rig, config, survey
         self._label_places = LabelPlaces(survey, place_eye, FOV_Y_DEG)
         self._trails = Trails(rig.site_frame, config.combine.motion)
-        self._news = News(_OF_TRACKS)
+        self._news = News({"world/trails"})
         self._has_placed = False
         self.tracks = TrackLog(recording)
 
@@ -285,22 +255,21 @@ class ObjectLog:
         if self._news.at(LABELS, int(strong.sum())):
             self._log_texts(drawn)
         if self._rig.zones:
-            texts = zone_texts(self._rig, drawn.boxes.centers)
-            log("world/zones/counts", rr.Points3D.from_fields(labels=texts))
+            log("world/zones/counts", rr.Points3D.from_fields(labels=zone_texts(self._rig, drawn.boxes.centers)))
         if self._news.at("world/uncertainty", int(thin.sum())):
-            log("world/uncertainty", archetypes.object_ellipses(drawn, thin))
+            log("world/uncertainty", archetypes.ellipses(drawn.boxes.select(thin), drawn.colors[thin]))
         paths = self._trails.add_frame(result)
         if self._news.at("world/trails", sum(len(path) > 0 for path in paths)):
             log("world/trails", archetypes.trails(drawn, paths))
         if (found := result.detections.placed) is not None:
             if self._news.at(PLACED, len(found)):
                 log(PLACED, archetypes.placed_boxes(found, self._config.object_names))
-                log(f"{PLACED}/uncertainty", archetypes.placed_ellipses(found))
+                log(f"{PLACED}/uncertainty", archetypes.ellipses(found, np.tile(CAMERA_ONLY, (len(found), 1))))
             self._has_placed = True
         elif self._has_placed:
             log(PLACED, rr.Clear(recursive=True))
             self._has_placed = False
-            self._news.cleared(PLACED)
+            self._news.add(PLACED)
 
     def _log_texts(self, drawn: DrawnObjects) -> None:
         """The labels of objects, apart as the first view's eye sees them, and their numbers for the view from above."""

@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -30,16 +29,7 @@ from lidcam.writers.outputs.transaction import OutputFile
 from lidcam.writers.palette import CAMERA_ONLY, MATCHED, TRUTH, ZONE, class_color
 from lidcam.writers.provenance import Provenance
 from lidcam.writers.rerun import archetypes
-from lidcam.writers.rerun.blueprint import (
-    FIXED,
-    LEGEND,
-    LOG,
-    VEHICLE,
-    WAY,
-    blueprint,
-    camera_path,
-    place_eye,
-)
+from lidcam.writers.rerun.blueprint import FIXED, LEGEND, LOG, VEHICLE, WAY, blueprint, camera_path, place_eye
 from lidcam.writers.rerun.environment import without_rerun_variables
 from lidcam.writers.rerun.objects import CameraLog, ObjectLog
 from lidcam.writers.rerun.stream import RerunStream
@@ -155,13 +145,13 @@ class RerunResultWriter(ResultWriter):
         for camera in self._rig.cameras:
             drops += self._cameras.log(camera, drawn, edges[camera.name])
         objects, confirmed = len(result.fused.objects), int((result.fused.matched > 0).sum())
-        self._recording.log("metrics/objects", rr.Scalars(float(objects)))
-        self._recording.log("metrics/confirmed", rr.Scalars(float(confirmed)))
+        metrics = {"objects": objects, "confirmed": confirmed, "skew_ms": result.bundle.skew_ns / 1e6}
+        for name, value in metrics.items():
+            self._recording.log(f"metrics/{name}", rr.Scalars(float(value)))
         self._object_count, self._confirmed_count = self._object_count + objects, self._confirmed_count + confirmed
         stamp_ns = result.bundle.stamp_ns
         self._seconds += 0.0 if self._last_ns is None else max(stamp_ns - self._last_ns, 0) / 1e9
         self._last_ns = stamp_ns
-        self._recording.log("metrics/skew_ms", rr.Scalars(result.bundle.skew_ns / 1e6))
         for drop in (*result.drops, *drops):
             text = ": ".join(filter(None, (drop.topic, drop.reason, drop.detail)))
             self._recording.log(f"{LOG}/dropped", rr.TextLog(text, level=rr.TextLogLevel.WARN))
@@ -187,48 +177,44 @@ class RerunResultWriter(ResultWriter):
         assert self._first is not None
         names, counts = self._config.object_names, Counter(self._objects.tracks.classes.values())
         known = self._provenance.metadata()
-        figures: dict[str, Any] = {
-            "version": known["version"],
-            "settings": known["settings"],
-            "frames": self._frames,
-            "seconds": self._seconds,
-            "road_users": ", ".join(f"{count} {names[class_id]}" for class_id, count in sorted(counts.items())),
-            "objects": self._object_count,
-            "confirmed_by_cameras": self._confirmed_count,
-            "fastest_m_s": self._objects.tracks.fastest_m_s,
-            "recorded_video": ", ".join(f"{name}: {codec}" for name, codec in self._cameras.codecs.items()),
-        }
-        self._recording.send_property("lidcam", rr.AnyValues(**figures))
+        figures = rr.AnyValues(
+            version=known["version"],
+            settings=known["settings"],
+            frames=self._frames,
+            seconds=self._seconds,
+            road_users=", ".join(f"{count} {names[class_id]}" for class_id, count in sorted(counts.items())),
+            objects=self._object_count,
+            confirmed_by_cameras=self._confirmed_count,
+            fastest_m_s=self._objects.tracks.fastest_m_s,
+            recorded_video=", ".join(f"{name}: {codec}" for name, codec in self._cameras.codecs.items()),
+        )
+        self._recording.send_property("lidcam", figures)
 
     def _bound_memory(self) -> None:
         """Wait for the disk now and then; what decides when is the data, as this cuts them into chunks."""
         self._frames += 1
-        if (
-            self._waiting_bytes + self._cameras.waiting_bytes >= MAX_WAITING_BYTES
-            or self._frames % MAX_WAITING_FRAMES == 0
-        ):
+        waiting = self._waiting_bytes + self._cameras.waiting_bytes
+        if waiting >= MAX_WAITING_BYTES or self._frames % MAX_WAITING_FRAMES == 0:
             self._stream.flush()
             self._waiting_bytes = self._cameras.waiting_bytes = 0
 
     def _place_eye(self) -> Viewpoint:
         """Log what is drawn in the scene's own measure, which is known once enough of it was seen."""
         self._viewpoint = viewpoint = place_eye(self._survey)
-        static = self._recording
         for lidar in self._rig.lidars:
             axes = rr.TransformAxes3D(viewpoint.size_m * 0.04)
-            static.log(f"world/lidars/{lidar.name}", _transform(lidar.T_site_lidar), axes, static=True)
+            self._recording.log(f"world/lidars/{lidar.name}", _transform(lidar.T_site_lidar), axes, static=True)
         for camera in self._rig.cameras:
-            model = camera.model
             pinhole = rr.Pinhole(
-                image_from_camera=model.K,
-                width=model.width_px,
-                height=model.height_px,
+                image_from_camera=camera.model.K,
+                width=camera.model.width_px,
+                height=camera.model.height_px,
                 camera_xyz=rr.ViewCoordinates.RDF,
                 image_plane_distance=viewpoint.size_m * 0.08,
             )
             no_axes = rr.TransformAxes3D(0.0)  # the pinhole says enough
             pose = _transform(camera.T_camera_site.inverse())
-            static.log(camera_path(camera), pose, pinhole, no_axes, static=True)
+            self._recording.log(camera_path(camera), pose, pinhole, no_axes, static=True)
         self._objects.log_zones()
         return viewpoint
 
@@ -237,21 +223,18 @@ class RerunResultWriter(ResultWriter):
         self._recording.send_blueprint(blueprint(self._survey, viewpoint, is_tracked=is_tracked))
 
     def _log_static(self) -> None:
-        context = [
-            rr.AnnotationInfo(id=class_id, label=name, color=class_color(class_id).bytes_rgb)
-            for class_id, name in enumerate(self._config.object_names)
-        ]
-        static = self._recording
         named = [(name, class_color(class_id).bytes_rgb) for class_id, name in enumerate(self._config.object_names)]
+        context = rr.AnnotationContext([rr.AnnotationInfo(row, *one) for row, one in enumerate(named)])
         named += [("2D box, matched", MATCHED.bytes_rgb), ("2D box alone", CAMERA_ONLY.bytes_rgb)]
         self._explain("boxes", [*named, *[("zone", ZONE.bytes_rgb)] * bool(self._rig.zones)])
-        static.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, rr.AnnotationContext(context), static=True)
+        self._recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, context, static=True)
         for path, color, label in (
             ("objects", class_color(0), "objects"),
             ("confirmed", MATCHED, "confirmed by cameras"),
             ("skew_ms", CAMERA_ONLY, "sync skew (ms)"),
         ):
-            static.log(f"metrics/{path}", rr.SeriesLines(colors=color.bytes_rgb, names=label), static=True)
+            lines = rr.SeriesLines(colors=color.bytes_rgb, names=label)
+            self._recording.log(f"metrics/{path}", lines, static=True)
 
     def _explain(self, part: str, named: Sequence[tuple[str, tuple[int, int, int]]]) -> None:
         """Add colours to the legend, on a line of their own: only what is in the recording has a place in it."""
@@ -291,22 +274,15 @@ class RerunResultWriter(ResultWriter):
         It is logged when truth of another frame comes, or with the last.
         """
         places = {self._rig.site_frame: "world/truth", self._fixed_frame_id: f"{FIXED}/truth"}
-        nearest = self._nearest_truth
-        done = []
+        found = [self._nearest_truth] if self._nearest_truth is not None else []  # of each frame the nearest one
         for frame, truth in known:
-            if truth.frame_id not in places:
-                continue
-            if nearest is not None and nearest[0] == frame:
-                nearest = min(nearest, (frame, truth), key=lambda pair: abs(pair[1].stamp_ns - pair[0].stamp_ns))
-                continue
-            done += [nearest] if nearest is not None else []
-            nearest = frame, truth
-        if is_last and nearest is not None:
-            done.append(nearest)
-        if nearest is not None and self._nearest_truth is None:
+            if truth.frame_id in places:
+                same = [found.pop()] if found and found[-1][0] == frame else []
+                found.append(min([*same, (frame, truth)], key=lambda one: abs(one[1].stamp_ns - one[0].stamp_ns)))
+        if found and self._nearest_truth is None:
             self._explain("truth", [("ground truth", TRUTH.bytes_rgb)])
-        self._nearest_truth = nearest
-        for frame, truth in done:
+        self._nearest_truth = found[-1] if found else None
+        for frame, truth in found if is_last else found[:-1]:
             self._set_time(frame.index, frame.stamp_ns)
             self._recording.log(places[truth.frame_id], archetypes.truth_boxes(truth))
 
