@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lidcam.pipeline.evaluation.detection.plots import DetectionPlots
-from lidcam.writers.report.values import Figure, nice, per, rounded
+from lidcam.writers.report.values import Figure, axis, nice, per, rounded, trace
 
 MAX_CELLS = 40
 """Maximum number of cells along a side of the map of errors."""
@@ -19,25 +19,16 @@ def curves_figure(plots: DetectionPlots, class_names: Sequence[str]) -> Figure:
             scores, recall, precision = plots.curve(source, class_id)
             if len(scores):
                 truth[name] = plots.truth_count(source, class_id)
-                traces.append(
-                    {
-                        "type": "scatter",
-                        "mode": "lines",
-                        "name": source,
-                        "meta": name,
-                        "x": rounded(recall),
-                        "y": rounded(precision),
-                        "customdata": rounded(scores),
-                        "line": {"color": f"@source:{source}", "width": 2.5 if source == "fused" else 1.5},
-                        "hovertemplate": "precision %{y:.2f}, recall %{x:.2f}<br>score %{customdata:.2f} and more"
-                        f"<extra>{source}</extra>",
-                    }
-                )
-    axis = {"range": [0, 1.02], "constrain": "domain"}
-    layout = {
-        "xaxis": axis | {"title": {"text": "recall"}},
-        "yaxis": axis | {"title": {"text": "precision"}},
-    }
+                shown = {
+                    "meta": name,
+                    "customdata": rounded(scores),
+                    "line": {"color": f"@source:{source}", "width": 2.5 if source == "fused" else 1.5},
+                    "hovertemplate": "precision %{y:.2f}, recall %{x:.2f}<br>score %{customdata:.2f} and more"
+                    f"<extra>{source}</extra>",
+                }
+                traces.append(trace("lines", source, (recall, precision), **shown))
+    whole = {"range": [0, 1.02], "constrain": "domain"}
+    layout = {"xaxis": axis("recall", **whole), "yaxis": axis("precision", **whole)}
     views = sorted(truth, key=lambda name: -truth[name])
     return {"data": traces, "layout": layout, "views": views, "height": 340}
 
@@ -84,9 +75,6 @@ def error_map(plots: DetectionPlots) -> Figure | None:
         "hovertemplate": "%{z:.0%} missed<br>%{customdata} true boxes<extra></extra>",
     }
     views = [position_error] * bool(found.any()) + [share_missed]
-    layout = {
-        "xaxis": {"title": {"text": "x, m"}, "constrain": "domain"},
-        "yaxis": {"title": {"text": "y, m"}, "scaleanchor": "x", "constrain": "domain"},
-    }
+    layout = {"xaxis": axis("x, m", constrain="domain"), "yaxis": axis("y, m", scaleanchor="x", constrain="domain")}
     names = [view["meta"] for view in views]
     return {"data": [common | view for view in views], "layout": layout, "views": names, "height": 380}

@@ -1,6 +1,7 @@
 """Gathers what a page shows from the frames of a result, in bounded memory."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,9 @@ MAX_POINTS = 60_000
 
 FIRST_TOLERANCE_M = 0.01
 
+Corner = tuple[float, float, float, float]
+"""x and y in metres, speed in m/s, seconds since the first frame."""
+
 
 class Courses:
     """Gathers polylines by track: a corner where the track has gone on by more than a tolerance, which grows.
@@ -30,8 +34,8 @@ class Courses:
 
     def __init__(self) -> None:
         self.tolerance_m, self.left_out = FIRST_TOLERANCE_M, 0
-        self._lines: dict[int, list[tuple[float, float, float, float]]] = {}  # x, y, speed, seconds
-        self._ends: dict[int, tuple[float, float, float, float]] = {}  # the last place, a corner or not
+        self._lines: dict[int, list[Corner]] = {}
+        self._ends: dict[int, Corner] = {}  # the last place, a corner or not
         self._points = 0
         self._dropped: set[int] = set()
 
@@ -40,17 +44,12 @@ class Courses:
 
         A speed that is not known is NaN.
         """
-        rows = zip(numbers.tolist(), xy.tolist(), speeds.tolist(), strict=True)
-        for number, (x, y), speed in rows:
+        for number, (x, y), speed in zip(numbers.tolist(), xy.tolist(), speeds.tolist(), strict=True):
             if number in self._dropped:
                 continue
-            here = (x, y, speed, time_s)
-            self._ends[number] = here
-            line = self._lines.get(number)
-            if line is None:
-                self._lines[number] = [here]
-                self._points += 1
-            elif (x - line[-1][0]) ** 2 + (y - line[-1][1]) ** 2 > self.tolerance_m**2:
+            here = self._ends[number] = (x, y, speed, time_s)
+            line = self._lines.setdefault(number, [])
+            if not line or _is_apart(here, line[-1], self.tolerance_m):
                 line.append(here)
                 self._points += 1
         while self._points + len(self._lines) > MAX_POINTS:
@@ -65,10 +64,7 @@ class Courses:
     def _simplify(self) -> None:
         """Draw lines with half the corners; where they have but two each, leave out the shorter half of them."""
         if self._points <= 2 * len(self._lines):
-            lengths = {
-                n: np.hypot(end[0] - self._lines[n][0][0], end[1] - self._lines[n][0][1])
-                for n, end in self._ends.items()
-            }
+            lengths = {n: np.hypot(*np.subtract(end, self._lines[n][0])[:2]) for n, end in self._ends.items()}
             shortest = sorted(lengths, key=lambda number: (lengths[number], number))[: len(lengths) // 2]
             for number in shortest:
                 del self._lines[number], self._ends[number]
@@ -80,13 +76,15 @@ class Courses:
         self._points = sum(map(len, self._lines.values()))
 
 
-def _thinned(
-    line: list[tuple[float, float, float, float]], tolerance_m: float
-) -> list[tuple[float, float, float, float]]:
+def _is_apart(one: Corner, other: Corner, tolerance_m: float) -> bool:
+    return (one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2 > tolerance_m**2
+
+
+def _thinned(line: list[Corner], tolerance_m: float) -> list[Corner]:
     kept = line[:1]
-    for point in line[1:]:
-        if (point[0] - kept[-1][0]) ** 2 + (point[1] - kept[-1][1]) ** 2 > tolerance_m**2:
-            kept.append(point)
+    for corner in line[1:]:
+        if _is_apart(corner, kept[-1], tolerance_m):
+            kept.append(corner)
     return kept
 
 
@@ -104,25 +102,20 @@ class Timeline:
     """
 
     def __init__(self) -> None:
-        self.step_s = FIRST_STEP_S
-        self.frames = np.zeros(MAX_STEPS)
-        self._sums: dict[str, F64] = {}
-        self._maxima: dict[str, F64] = {}
-        self._last = 0
+        self.step_s, self._last = FIRST_STEP_S, 0
+        self._frames = np.zeros(MAX_STEPS)
+        self._sums: dict[str, F64] = defaultdict(lambda: np.zeros(MAX_STEPS))
+        self._maxima: dict[str, F64] = defaultdict(lambda: np.zeros(MAX_STEPS))
 
     def add_frame(self, time_s: float, sums: Mapping[str, float], maxima: Mapping[str, float]) -> None:
         """Take in a frame at a time since the first; one from before it counts as of the first step."""
         while (step := max(int(time_s / self.step_s + 1e-6), 0)) >= MAX_STEPS:  # 0.6 / 0.1 is a little less than 6
             self._double()
         self._last = max(self._last, step)
-        self.frames[step] += 1
+        self._frames[step] += 1
         for name, value in sums.items():
-            if name not in self._sums:
-                self._sums[name] = np.zeros(MAX_STEPS)
             self._sums[name][step] += value
         for name, value in maxima.items():
-            if name not in self._maxima:
-                self._maxima[name] = np.zeros(MAX_STEPS)
             self._maxima[name][step] = max(self._maxima[name][step], value)
 
     @property
@@ -130,17 +123,22 @@ class Timeline:
         """(S,) beginning of each step up to the last with a frame, seconds since the first frame."""
         return np.arange(self._last + 1, dtype=np.float64) * self.step_s
 
+    @property
+    def edges_s(self) -> F64:
+        """(S + 1,) beginnings of the steps, and the end of the last one."""
+        return np.append(self.times_s, self.times_s[-1] + self.step_s)
+
     def counts(self) -> F64:
         """(S,) frames in each step."""
-        return self.frames[: self._last + 1]
+        return self._frames[: self._last + 1]
 
     def sums(self, name: str) -> F64:
         """(S,) sum in each step."""
-        return self._sums.get(name, np.zeros(MAX_STEPS))[: self._last + 1]
+        return self._sums[name][: self._last + 1]
 
     def maxima(self, name: str) -> F64:
         """(S,) largest value in each step; 0 without any."""
-        return self._maxima.get(name, np.zeros(MAX_STEPS))[: self._last + 1]
+        return self._maxima[name][: self._last + 1]
 
     def at_least(self, step_s: float) -> None:
         """Make steps long enough, for instance so that every one has a frame."""
@@ -150,10 +148,9 @@ class Timeline:
     def _double(self) -> None:
         self.step_s *= 2
         self._last //= 2
-        half = np.zeros(MAX_STEPS // 2)
-        self.frames = np.concatenate([self.frames.reshape(-1, 2).sum(1), half])
-        self._sums = {name: np.concatenate([one.reshape(-1, 2).sum(1), half]) for name, one in self._sums.items()}
-        self._maxima = {name: np.concatenate([one.reshape(-1, 2).max(1), half]) for name, one in self._maxima.items()}
+        for join, of in ((np.sum, (self._frames, *self._sums.values())), (np.max, self._maxima.values())):
+            for values in of:
+                values[:] = np.pad(join(values.reshape(-1, 2), 1), (0, MAX_STEPS // 2))
 
 
 class Moment(NamedTuple):
@@ -225,7 +222,9 @@ class ReportCollector:
             self._count(source, sums)
             self._draw(source, frame, time_s)
             if frame.sync is not None and len(source.boxes):
-                self._keep_busiest(Moment(time_s, frame.sync.log_time_ns, source.boxes), frame.sync.offsets_ns)
+                busy = not self._cameras.isdisjoint(frame.sync.offsets_ns), len(source.boxes)
+                if busy > self._busy:
+                    self._busy, self.busiest = busy, Moment(time_s, frame.sync.log_time_ns, source.boxes)
         self.log_times_ns.append(0 if frame.sync is None else frame.sync.log_time_ns)
         maxima = {} if frame.skew_ns is None else {"skew": frame.skew_ns / 1e6}
         if frame.sync is not None:
@@ -236,11 +235,6 @@ class ReportCollector:
     def figures(self) -> Figures:
         """None."""
         return {}
-
-    def _keep_busiest(self, moment: Moment, topics: Collection[str]) -> None:
-        busy = not self._cameras.isdisjoint(topics), len(moment.boxes)
-        if busy > self._busy:
-            self._busy, self.busiest = busy, moment
 
     def _count(self, source: SourceBoxes, sums: dict[str, float]) -> None:
         places = self._rig.place_rows(source.boxes.centers).tolist()

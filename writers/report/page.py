@@ -21,32 +21,17 @@ CLASSES = 6
 LIGHT_SHARE = 0.72
 """Brightness of a class's colour on a light ground, as a share of that on a dark one, for which it was chosen."""
 
+_SHARES = {"light": LIGHT_SHARE, "dark": 1.0}
 _SPEEDS = {
     "light": ("#2c3f8f", "#2a6f97", "#2a9d8f", "#8ab17d", "#e9a227", "#e76f2c", "#c1121f"),
     "dark": ("#5b7fd6", "#4aa3cf", "#45c4b0", "#a9d18e", "#f4c95d", "#f78c4a", "#ff5a5f"),
 }
+_NAMES = ("ink", "line", "faint", "bad", "warn", "calm", "source:lidar", "source:cameras", "source:fused")
 _THEMES = {
-    "light": {
-        "ink": "#1d2126",
-        "line": "#e3e6e9",
-        "faint": "#7a848d",
-        "bad": "#c1121f",
-        "warn": "#eba43a",
-        "calm": "#b9d5dd",
-    },
-    "dark": {
-        "ink": "#e6e9ec",
-        "line": "#2c3238",
-        "faint": "#88929b",
-        "bad": "#ff5a5f",
-        "warn": "#d99a3d",
-        "calm": "#2f5661",
-    },
+    "light": ("#1d2126", "#e3e6e9", "#7a848d", "#c1121f", "#eba43a", "#b9d5dd", "#2a6f97", "#c77700", "#1c7a4b"),
+    "dark": ("#e6e9ec", "#2c3238", "#88929b", "#ff5a5f", "#d99a3d", "#2f5661", "#56b4e9", "#f4a84a", "#4fd693"),
 }
-_SOURCES = {
-    "light": {"source:lidar": "#2a6f97", "source:cameras": "#c77700", "source:fused": "#1c7a4b"},
-    "dark": {"source:lidar": "#56b4e9", "source:cameras": "#f4a84a", "source:fused": "#4fd693"},
-}
+"""The colours of `_NAMES`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,21 +107,18 @@ def _json(tree: object) -> Markup:
 
 
 def _colors(theme: str) -> dict[str, object]:
-    share = LIGHT_SHARE if theme == "light" else 1.0
-    classes = {f"class:{row}": _hex(class_color(row), share) for row in range(64)}
-    named = {**_THEMES[theme], **_SOURCES[theme], **classes}
-    return {
-        **{f"@{name}": color for name, color in named.items()},
-        "line": _THEMES[theme]["line"],
-        "ink": _THEMES[theme]["ink"],
-        "speeds": _SPEEDS[theme],
-    }
+    named = dict(zip(_NAMES, _THEMES[theme], strict=True))
+    classes = {f"class:{row}": _hex(class_color(row), _SHARES[theme]) for row in range(64)}
+    shown = {f"@{name}": color for name, color in (named | classes).items()}
+    return {**shown, "line": named["line"], "ink": named["ink"], "speeds": _SPEEDS[theme]}
 
 
 def _swatches() -> str:
-    rules = [f".c{row}{{background:{_hex(class_color(row), LIGHT_SHARE)}}}" for row in range(CLASSES)]
-    dark = [f".c{row}{{background:{_hex(class_color(row), 1.0)}}}" for row in range(CLASSES)]
-    return "".join(rules) + "@media (prefers-color-scheme: dark){" + "".join(dark) + "}"
+    light, dark = (
+        "".join(f".c{row}{{background:{_hex(class_color(row), share)}}}" for row in range(CLASSES))
+        for share in _SHARES.values()
+    )
+    return f"{light}@media (prefers-color-scheme: dark){{{dark}}}"
 
 
 def _hex(color: Rgb, share: float) -> str:

@@ -8,7 +8,7 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.evaluation.road_users import RoadUserTable
 from lidcam.writers.report.collector import ReportCollector, Timeline
-from lidcam.writers.report.values import KM_H, Figure, nice, per, rounded, seconds_axis
+from lidcam.writers.report.values import KM_H, Figure, axis, nice, per, rounded, seconds_axis, trace
 
 
 def objects_figure(seen: ReportCollector, class_names: Sequence[str], places: Sequence[str]) -> Figure:
@@ -19,27 +19,22 @@ def objects_figure(seen: ReportCollector, class_names: Sequence[str], places: Se
         for class_id, name in enumerate(class_names):
             own = [seen.time.sums(f"{name} {place}") for place in places if view in ("everywhere", place)]
             total = np.sum(own, 0)
-            if not total.any():
-                continue
-            traces.append(
-                {
-                    "type": "scatter",
-                    "mode": "lines",
-                    "name": name,
-                    **_steps(seen.time, per(total, counts)),
-                    "line": {"color": f"@class:{class_id}", "width": 2, "shape": "hv"},
-                    "hovertemplate": "%{y:.1f} at %{x:.1f} s<extra>" + name + "</extra>",
-                    **({"meta": view} if views else {}),
-                }
-            )
-    layout = {"xaxis": seconds_axis(), "yaxis": {"title": {"text": "objects at a time"}, "rangemode": "tozero"}}
+            if total.any():
+                stairs = _stairs(name, seen.time, per(total, counts), f"@class:{class_id}", 2, "%{y:.1f}", name)
+                traces.append(stairs | ({"meta": view} if views else {}))
+    layout = {"xaxis": seconds_axis(), "yaxis": axis("objects at a time", rangemode="tozero")}
     return {"data": traces, "layout": layout, "views": views, "height": 260}
 
 
-def _steps(time: Timeline, values: F64) -> Figure:
+def _stairs(name: str, time: Timeline, values: F64, color: str, width: float, hover: str, extra: str = "") -> Figure:
     """The values (S,) of the steps of time as a line of stairs, up to the end of the last step."""
-    ends_s = np.append(time.times_s, time.times_s[-1] + time.step_s)
-    return {"x": rounded(ends_s), "y": rounded(np.append(values, values[-1]))}
+    return trace(
+        "lines",
+        name,
+        (time.edges_s, np.append(values, values[-1])),
+        line={"color": color, "width": width, "shape": "hv"},
+        hovertemplate=f"{hover} at %{{x:.1f}} s<extra>{extra}</extra>",
+    )
 
 
 def sensors_figure(seen: ReportCollector, rig: Rig) -> Figure:
@@ -61,9 +56,9 @@ def sensors_figure(seen: ReportCollector, rig: Rig) -> Figure:
         for count, expected in zip(counted, usual, strict=True)
         for is_known in [(expected >= 1) | (count > 0) | (not count.any())]
     ]
-    trace = {
+    rows = {
         "type": "heatmap",
-        "x": rounded(np.append(times_s, times_s[-1] + time.step_s)),  # edges
+        "x": rounded(time.edges_s),
         "y": names,
         "z": [rounded(np.where(counts > 0, share, np.nan)) for share in shares],
         "customdata": [rounded(rate) for rate in rates],
@@ -76,26 +71,15 @@ def sensors_figure(seen: ReportCollector, rig: Rig) -> Figure:
         "hovertemplate": "%{y}: %{customdata:.1f} Hz at %{x:.1f} s<extra></extra>",
     }
     layout = {"xaxis": seconds_axis(), "yaxis": {"automargin": True, "ticklen": 0, "tickfont": {"size": 11}}}
-    return {"data": [trace], "layout": layout, "height": 70 + 20 * len(names)}
+    return {"data": [rows], "layout": layout, "height": 70 + 20 * len(names)}
 
 
 def skew_figure(seen: ReportCollector) -> Figure:
     """The largest difference of stamps in a frame, by step of time."""
     skew_ms = np.where(seen.time.counts() > 0, seen.time.maxima("skew"), np.nan)
-    trace = {
-        "type": "scatter",
-        "mode": "lines",
-        "name": "skew",
-        **_steps(seen.time, skew_ms),
-        "line": {"color": "@ink", "width": 1.5, "shape": "hv"},
-        "hovertemplate": "%{y:.1f} ms at %{x:.1f} s<extra></extra>",
-    }
-    layout = {
-        "xaxis": seconds_axis(),
-        "yaxis": {"title": {"text": "skew, ms"}, "rangemode": "tozero"},
-        "showlegend": False,
-    }
-    return {"data": [trace], "layout": layout, "height": 180}
+    stairs = _stairs("skew", seen.time, skew_ms, "@ink", 1.5, "%{y:.1f} ms")
+    layout = {"xaxis": seconds_axis(), "yaxis": axis("skew, ms", rangemode="tozero"), "showlegend": False}
+    return {"data": [stairs], "layout": layout, "height": 180}
 
 
 def speeds_figure(users: RoadUserTable, class_names: Sequence[str]) -> Figure:
@@ -124,8 +108,8 @@ def speeds_figure(users: RoadUserTable, class_names: Sequence[str]) -> Figure:
     layout = {
         "barmode": "stack",
         "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0, "traceorder": "normal"},
-        "xaxis": {"title": {"text": "mean speed of each, km/h"}, "rangemode": "tozero"},
-        "yaxis": {"title": {"text": "road users"}, "dtick": max(nice(most / 5), 1.0)},
+        "xaxis": axis("mean speed of each, km/h", rangemode="tozero"),
+        "yaxis": axis("road users", dtick=max(nice(most / 5), 1.0)),
     }
     return {"data": traces, "layout": layout, "height": 240}
 
@@ -141,25 +125,13 @@ def dwell_figure(users: RoadUserTable, class_names: Sequence[str]) -> Figure:
         ]
         own = [(place, seconds) for place, seconds in own if len(seconds)]
         if own:
-            low, first, middle, third, high = np.array([np.percentile(s, [0, 25, 50, 75, 100]) for _, s in own]).T
-            traces.append(
-                {
-                    "type": "box",
-                    "name": name,
-                    "orientation": "h",
-                    "y": [place for place, _ in own],
-                    "lowerfence": rounded(low),
-                    "q1": rounded(first),
-                    "median": rounded(middle),
-                    "q3": rounded(third),
-                    "upperfence": rounded(high),
-                    "marker": {"color": f"@class:{class_id}"},
-                    "line": {"width": 1.5},
-                }
-            )
+            shares = rounded(np.array([np.percentile(s, [0, 25, 50, 75, 100]) for _, s in own]).T)
+            box = {"type": "box", "name": name, "orientation": "h", "y": [place for place, _ in own]}
+            box |= zip(("lowerfence", "q1", "median", "q3", "upperfence"), shares, strict=True)
+            traces.append({**box, "marker": {"color": f"@class:{class_id}"}, "line": {"width": 1.5}})
     layout = {
         "boxmode": "group",
-        "xaxis": {"title": {"text": "time there, s"}, "rangemode": "tozero"},
+        "xaxis": axis("time there, s", rangemode="tozero"),
         "yaxis": {"automargin": True, "autorange": "reversed"},
     }
     return {"data": traces, "layout": layout, "height": 130 + 26 * sum(len(trace["y"]) for trace in traces)}

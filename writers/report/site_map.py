@@ -2,7 +2,6 @@
 
 import base64
 from collections.abc import Sequence
-from typing import Any
 
 import cv2
 import numpy as np
@@ -12,7 +11,7 @@ from lidcam.pipeline.core.geometry.polygons import clipped_polygon
 from lidcam.pipeline.core.rig import Rig
 from lidcam.writers.report.collector import ReportCollector
 from lidcam.writers.report.grid import SparseGrid
-from lidcam.writers.report.values import KM_H, Figure, nice, rounded
+from lidcam.writers.report.values import KM_H, Figure, axis, nice, rounded, trace
 
 MAX_PIXELS = 1400
 """Pixels along the longer side of the background."""
@@ -40,8 +39,8 @@ def map_figure(seen: ReportCollector, rig: Rig, background: SparseGrid | None, c
     traces, views = traces + pieces, ["by class", "by speed"] if pieces else []
     least = 0.05 if seen.travelled_m else 0.2  # what drives by a rig that stands is seldom in one place
     layout = {
-        "xaxis": {"title": {"text": "x, m"}, "range": [low[0], high[0]], "constrain": "domain"},
-        "yaxis": {"title": {"text": "y, m"}, "range": [low[1], high[1]], "scaleanchor": "x", "constrain": "domain"},
+        "xaxis": axis("x, m", range=[low[0], high[0]], constrain="domain"),
+        "yaxis": axis("y, m", range=[low[1], high[1]], scaleanchor="x", constrain="domain"),
         "images": [] if background is None or not len(background) else [_image(background, low, high, least)],
         "hovermode": "closest",
     }
@@ -64,7 +63,7 @@ def map_extent(drawn: Sequence[F64], background: SparseGrid | None) -> tuple[F64
     return np.round(middle - reach, 3), np.round(middle + reach, 3)
 
 
-def _image(background: SparseGrid, low: F64, high: F64, least: float) -> dict[str, Any]:
+def _image(background: SparseGrid, low: F64, high: F64, least: float) -> Figure:
     """What stands still, as an image behind the map."""
     image, (left, right, bottom, top) = background_image(background, low, high, least)
     _, png = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
@@ -113,7 +112,7 @@ def background_image(
     return image, (left, left + width * cell_m, bottom, bottom + height * cell_m)
 
 
-def _zones(rig: Rig, low: F64, high: F64) -> list[dict[str, Any]]:
+def _zones(rig: Rig, low: F64, high: F64) -> list[Figure]:
     """The counted zones as far as they lie in view, each with its name."""
     traces = []
     for zone in rig.counted_zones:
@@ -121,107 +120,54 @@ def _zones(rig: Rig, low: F64, high: F64) -> list[dict[str, Any]]:
         shown = clipped_polygon(zone.polygon_site, low, high)
         if not len(shown):
             continue
-        closed = np.concatenate([corners, corners[:1]])
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "name": zone.name,
-                "x": rounded(closed[:, 0]),
-                "y": rounded(closed[:, 1]),
-                "line": {"color": "@faint", "width": 1.5, "dash": "dash"},
-                "hoverinfo": "skip",
-                "showlegend": False,
-            }
-        )
-        middle = (shown.min(0) + shown.max(0)) / 2
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "text",
-                "x": rounded(middle[:1]),
-                "y": rounded(middle[1:]),
-                "text": [zone.name],
-                "textfont": {"color": "@faint", "size": 13},
-                "hoverinfo": "skip",
-                "showlegend": False,
-            }
-        )
+        x, y = np.concatenate([corners, corners[:1]]).T
+        hidden = {"hoverinfo": "skip", "showlegend": False}
+        line = {"color": "@faint", "width": 1.5, "dash": "dash"}
+        traces.append(trace("lines", zone.name, (x, y), line=line, **hidden))
+        x, y = (shown.min(0) + shown.max(0))[:, None] / 2
+        font = {"color": "@faint", "size": 13}
+        traces.append(trace("text", zone.name, (x, y), text=[zone.name], textfont=font, **hidden))
     return traces
 
 
-def _way(seen: ReportCollector) -> list[dict[str, Any]]:
+def _way(seen: ReportCollector) -> list[Figure]:
     if not seen.travelled_m:
         return []
     ((_, line),) = seen.way.lines()
-    return [
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "name": "path of the sensors",
-            "x": rounded(line[:, 0]),
-            "y": rounded(line[:, 1]),
-            "line": {"color": "@ink", "width": 1.5, "dash": "dot"},
-            "hoverinfo": "name",
-        }
-    ]
+    look = {"color": "@ink", "width": 1.5, "dash": "dot"}
+    return [trace("lines", "path of the sensors", (line[:, 0], line[:, 1]), line=look, hoverinfo="name")]
 
 
-def _dots(grid: SparseGrid, name: str, class_id: int) -> dict[str, Any]:
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": name,
-        "x": rounded(grid.centers[:, 0]),
-        "y": rounded(grid.centers[:, 1]),
-        "marker": {"color": f"@class:{class_id}", "size": 4},
-        "hovertemplate": "%{x:.1f}, %{y:.1f} m<extra>" + name + "</extra>",
-    }
+def _dots(grid: SparseGrid, name: str, class_id: int) -> Figure:
+    x, y = grid.centers.T
+    hover = f"%{{x:.1f}}, %{{y:.1f}} m<extra>{name}</extra>"
+    return trace("markers", name, (x, y), marker={"color": f"@class:{class_id}", "size": 4}, hovertemplate=hover)
 
 
-def _joined(lines: Sequence[F64]) -> F64:
-    """(M, 4) lines one after another, with a row of NaN behind each."""
-    gap = np.full((1, 4), np.nan)
-    return np.concatenate([part for line in lines for part in (line, gap)])
+def _line(name: str, color: str, lines: Sequence[F64], view: str) -> Figure:
+    """Lines one after another, with a gap behind each."""
+    x, y, speeds, seconds = np.concatenate([part for line in lines for part in (line, np.full((1, 4), np.nan))]).T
+    return trace(
+        "lines",
+        name,
+        (x, y),
+        legendgroup=name,
+        meta=view,
+        customdata=rounded(np.round(np.stack([KM_H * speeds, seconds], 1), 1)),
+        line={"color": color, "width": 2},
+        connectgaps=False,
+        hovertemplate="%{x:.1f}, %{y:.1f} m<br>%{customdata[0]} km/h at %{customdata[1]} s" + f"<extra>{name}</extra>",
+    )
 
 
-def _line(name: str, color: str, lines: Sequence[F64], view: str) -> dict[str, Any]:
-    points = _joined(lines)
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": name,
-        "legendgroup": name,
-        "meta": view,
-        "x": rounded(points[:, 0]),
-        "y": rounded(points[:, 1]),
-        "customdata": rounded(np.round(points[:, 2:] * [KM_H, 1.0], 1)),
-        "line": {"color": color, "width": 2},
-        "connectgaps": False,
-        "hovertemplate": "%{x:.1f}, %{y:.1f} m<br>%{customdata[0]} km/h at %{customdata[1]} s<extra>"
-        + name
-        + "</extra>",
-    }
-
-
-def _ends(name: str, color: str, lines: Sequence[F64], view: str) -> dict[str, Any]:
+def _ends(name: str, color: str, lines: Sequence[F64], view: str) -> Figure:
     """Dots where tracks were last."""
-    last = np.array([line[-1, :2] for line in lines[:500]])
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": name,
-        "legendgroup": name,
-        "showlegend": False,
-        "meta": view,
-        "x": rounded(last[:, 0]),
-        "y": rounded(last[:, 1]),
-        "marker": {"color": color, "size": 6},
-        "hoverinfo": "skip",
-    }
+    x, y = np.array([line[-1, :2] for line in lines[:500]]).T
+    hidden = {"hoverinfo": "skip", "showlegend": False}
+    return trace("markers", name, (x, y), legendgroup=name, meta=view, marker={"color": color, "size": 6}, **hidden)
 
 
-def _by_speed(lines: Sequence[F64]) -> list[dict[str, Any]]:
+def _by_speed(lines: Sequence[F64]) -> list[Figure]:
     """The lines once more, in pieces of the same step of speed."""
     fastest = KM_H * float(np.concatenate(lines)[:, 2].max(initial=0.0))
     step = nice(max(fastest, 0.1) / SPEED_STEPS)

@@ -18,9 +18,19 @@ Figure: TypeAlias = dict[str, Any]
 Numbers: TypeAlias = npt.NDArray[np.integer] | npt.NDArray[np.floating]
 
 
+def trace(mode: str, name: str, xy: tuple[Numbers, Numbers], **others: Any) -> Figure:
+    """A trace through or at points: `lines`, `markers` or `text`."""
+    return {"type": "scatter", "mode": mode, "name": name, "x": rounded(xy[0]), "y": rounded(xy[1]), **others}
+
+
+def axis(title: str, **others: Any) -> Figure:
+    """An axis with a title."""
+    return {"title": {"text": title}, **others}
+
+
 def seconds_axis() -> Figure:
     """The axis of time."""
-    return {"title": {"text": "seconds since the first frame"}, "rangemode": "tozero"}
+    return axis("seconds since the first frame", rangemode="tozero")
 
 
 def per(sums: Numbers, counts: Numbers) -> F64:
