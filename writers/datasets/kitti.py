@@ -39,6 +39,8 @@ MIN_SIDE_PX = 2.0
 CAMERAS = range(4)
 """Every calibration has four projections; here all are of the one camera."""
 
+RESULTS = "results/lidcam/data"
+
 LEAST_FORWARD = 1e-6
 """Of the optical axis as seen from above: a camera that looks straight down has none, and its top edge takes over."""
 
@@ -64,13 +66,17 @@ class KittiWriter:
         camera: Name of the camera that is `image_2`; empty: the first that has images.
     """
 
+    is_tracking = False
     names: Mapping[str, str] = KITTI_NAMES
     transforms = "R0_rect:", "Tr_velo_to_cam:", "Tr_imu_to_velo:"
+    image_folder, label_folder = "training/image_2", "training/label_2"
 
     def __init__(self, folder: Path, camera: str = "") -> None:
         self.written, self.left_out, self.remarks = Counter[str](), Counter[str](), list[str]()
         self._folder, self._wanted = folder, camera
-        self._count, self._scenes = 0, 0
+        self._sequence, self._count = "", 0
+        self._lengths: list[int] = []  # of the sequences
+        self._true_tracks: dict[int, int] = {}
         self._scene: DatasetScene
         self._camera: CameraSensor
         self._model: CameraModel
@@ -93,8 +99,12 @@ class KittiWriter:
         R_rect_camera = np.eye(4)
         R_rect_camera[:3, :3] = level_rectification(self._camera)
         self._T_rect_site = R_rect_camera @ self._camera.T_camera_site.matrix
-        self._scenes += 1
-        self._begin_files()
+        self._lengths.append(0)
+        if self.is_tracking:
+            self._sequence, self._count, self._true_tracks = f"{len(self._lengths) - 1:04d}", 0, {}
+            self._text_file("training/calib").write_text(self._calibration())
+            for folder in (self.label_folder, RESULTS):
+                self._text_file(folder).touch()
 
     def add_frame(self, frame: DatasetFrame) -> None:
         """See `DatasetWriter`; a frame without an image of the camera or a cloud is left out.
@@ -110,35 +120,49 @@ class KittiWriter:
         if (width, height) != (self._model.width_px, self._model.height_px):
             self.left_out[f"frames whose image of {self._camera.name} has another size than its calibration"] += 1
             return
-        write_image(self._new("training", "image_02", "image_2", "png"), image.rgb)
+        write_image(self._file(self.image_folder, "png"), image.rgb)
         points = np.column_stack([frame.cloud.xyz, frame.cloud.intensity])
-        self._new("training", "velodyne", "velodyne", "bin").write_bytes(points.astype("<f4").tobytes())
+        self._file("training/velodyne", "bin").write_bytes(points.astype("<f4").tobytes())
+        if not self.is_tracking:
+            self._text_file("training/calib").write_text(self._calibration())
         self._write_labels(frame)
         self.written.update(frames=1, images=1)
         self._count += 1
+        self._lengths[-1] = self._count
 
     def finish(self) -> None:
-        """See `DatasetWriter`: nothing stands behind."""
+        """See `DatasetWriter`: of the tracking benchmark, how long the sequences are, which TrackEval wants to know."""
+        if self.is_tracking:
+            lines = [f"{number:04d} empty 000000 {length:06d}\n" for number, length in enumerate(self._lengths)]
+            (self._folder / "training" / "evaluate_tracking.seqmap.training").write_text("".join(lines))
 
-    # What the tracking benchmark does otherwise.
-
-    def _begin_files(self) -> None:
-        pass
-
-    def _new(self, part: str, _tracking: str, name: str, ending: str) -> Path:
+    def _file(self, folder: str, ending: str) -> Path:
         """A file of the current frame, in a folder that is made."""
-        path = self._folder / part / name / f"{self._count:06d}.{ending}"
+        return self._made(folder, self._sequence, f"{self._count:06d}.{ending}")
+
+    def _text_file(self, folder: str) -> Path:
+        """The text of the current frame, or of its sequence."""
+        return self._made(folder, f"{self._sequence or f'{self._count:06d}'}.txt")
+
+    def _made(self, *parts: str) -> Path:
+        path = self._folder.joinpath(*parts)
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
     def _write_labels(self, frame: DatasetFrame) -> None:
-        self._new("training", "", "calib", "txt").write_text(self._calibration())
-        truth = frame.objects if frame.truth is None else frame.truth
-        labels = self._lines(frame, truth, has_scores=False)
-        self._new("training", "", "label_2", "txt").write_text("".join(labels))
-        self.written["boxes"] += len(labels)
-        found = self._lines(frame, frame.objects, has_scores=True, is_counted=frame.truth is not None)
-        self._new("results/lidcam", "", "data", "txt").write_text("".join(found))
+        truth = frame.objects if frame.truth is None else self._numbered(frame.truth)
+        for folder, boxes, has_scores in ((self.label_folder, truth, False), (RESULTS, frame.objects, True)):
+            is_counted = not has_scores or frame.truth is not None  # what is left out counts once
+            lines = self._lines(frame, boxes, has_scores=has_scores, is_counted=is_counted)
+            with self._text_file(folder).open("a") as file:
+                file.writelines(lines)
+            self.written["boxes"] += 0 if has_scores else len(lines)
+
+    def _numbered(self, truth: DatasetBoxes) -> DatasetBoxes:
+        """True objects with tracks from 0 on: their own may be of any size, and TrackEval makes tables of them."""
+        known = self._true_tracks
+        tracks = [known.setdefault(track, len(known)) if track >= 0 else -1 for track in truth.tracks.tolist()]
+        return replace(truth, tracks=np.array(tracks, np.int64))
 
     def _calibration(self) -> str:
         R0 = level_rectification(self._camera)
@@ -148,10 +172,13 @@ class KittiWriter:
         lines |= zip(self.transforms, (R0, T_camera_velo[:3], np.eye(4)[:3]), strict=True)
         return "".join(f"{name} {' '.join(f'{x:.12e}' for x in matrix.ravel())}\n" for name, matrix in lines.items())
 
-    def _lines(
-        self, frame: DatasetFrame, boxes: DatasetBoxes, *, has_scores: bool, is_counted: bool = True
-    ) -> list[str]:
-        """The lines of the boxes that the image shows; what is left out is counted once."""
+    def _lines(self, frame: DatasetFrame, boxes: DatasetBoxes, *, has_scores: bool, is_counted: bool) -> list[str]:
+        """The lines of the boxes that the image shows, and that have a track if that is the benchmark."""
+        if self.is_tracking:
+            has_track = boxes.tracks >= 0
+            if is_counted and not has_track.all():
+                self.left_out["boxes without a track"] += int((~has_track).sum())
+            boxes = boxes.select(has_track)
         corners_camera = self._in_camera(frame, boxes)
         seen = self._model.project_boxes(corners_camera).astype(np.float64)
         is_seen = (seen[:, 2:] - seen[:, :2] >= MIN_SIDE_PX).all(1)
@@ -166,11 +193,13 @@ class KittiWriter:
         alphas = wrap_angle(turns - np.arctan2(places[:, 0], places[:, 2]))
         lines = []
         for row in np.flatnonzero(is_seen):
-            shown = "-1 -1" if has_scores else f"{self._truncation(float(truncated[row]))} 0"
+            outside = float(truncated[row])  # in classes for tracks: 0 inside, 1 partly, 2 largely outside
+            shown = "-1 -1" if has_scores else f"{round(2 * outside)} 0" if self.is_tracking else f"{outside:.2f} 0"
             box = " ".join(f"{x:.2f}" for x in seen[row])
             place = " ".join(f"{x:.4f}" for x in (*boxes.sizes[row, ::-1], *places[row], turns[row]))
             score = f" {boxes.scores[row]:.6f}" if has_scores else ""
-            lines.append(f"{boxes.names[row]} {shown} {alphas[row]:.4f} {box} {place}{score}\n")
+            of_track = f"{self._count} {boxes.tracks[row]} " if self.is_tracking else ""
+            lines.append(f"{of_track}{boxes.names[row]} {shown} {alphas[row]:.4f} {box} {place}{score}\n")
         return lines
 
     def _in_camera(self, frame: DatasetFrame, boxes: DatasetBoxes) -> F64:
@@ -182,9 +211,6 @@ class KittiWriter:
         if image.T_fixed_site is not None and frame.T_fixed_site is not None:
             T_camera_site = T_camera_site @ np.linalg.inv(image.T_fixed_site) @ frame.T_fixed_site
         return np.asarray(corners @ T_camera_site[:3, :3].T + T_camera_site[:3, 3])
-
-    def _truncation(self, share: float) -> str:
-        return f"{share:.2f}"
 
     def _truncated(self, corners_camera: F64, seen: F64) -> F64:
         """(N,) share of each box that lies outside of the image; 1 where the box reaches behind the camera."""
@@ -198,65 +224,6 @@ class KittiWriter:
 class KittiTrackingWriter(KittiWriter):
     """Writes the tracking benchmark: a sequence for each result, in which objects without a track are left out."""
 
-    names = TRACKING_NAMES
+    is_tracking, names = True, TRACKING_NAMES
     transforms = "R_rect", "Tr_velo_cam", "Tr_imu_velo"  # without colons, as there
-
-    def __init__(self, folder: Path, camera: str = "") -> None:
-        super().__init__(folder, camera)
-        self._lengths: list[int] = []
-        self._true_tracks: dict[int, int] = {}
-
-    def finish(self) -> None:
-        """See `DatasetWriter`: writes how long the sequences are, which TrackEval wants to know."""
-        lines = [f"{number:04d} empty 000000 {length:06d}\n" for number, length in enumerate(self._lengths)]
-        (self._folder / "training" / "evaluate_tracking.seqmap.training").write_text("".join(lines))
-
-    def _begin_files(self) -> None:
-        self._count = 0
-        self._lengths.append(0)
-        self._true_tracks = {}
-        self._sequence_file("training/calib").write_text(self._calibration())
-        for part in ("training/label_02", "results/lidcam/data"):
-            self._sequence_file(part).touch()
-
-    def _sequence_file(self, part: str) -> Path:
-        path = self._folder / part / f"{self._scenes - 1:04d}.txt"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path
-
-    def _new(self, part: str, tracking: str, _name: str, ending: str) -> Path:
-        path = self._folder / part / tracking / f"{self._scenes - 1:04d}" / f"{self._count:06d}.{ending}"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path
-
-    def _write_labels(self, frame: DatasetFrame) -> None:
-        self._lengths[-1] = self._count + 1
-        truth = frame.objects if frame.truth is None else self._numbered(frame.truth)
-        files = (("training/label_02", truth, False), ("results/lidcam/data", frame.objects, True))
-        for part, boxes, has_scores in files:
-            with self._sequence_file(part).open("a") as file:
-                is_counted = not has_scores or frame.truth is not None
-                lines = self._tracked_lines(frame, boxes, has_scores=has_scores, is_counted=is_counted)
-                file.writelines(lines)
-                self.written["boxes"] += 0 if has_scores else len(lines)
-
-    def _numbered(self, truth: DatasetBoxes) -> DatasetBoxes:
-        """True objects with tracks from 0 on: their own may be of any size, and TrackEval makes tables of them."""
-        known = self._true_tracks
-        tracks = [known.setdefault(track, len(known)) if track >= 0 else -1 for track in truth.tracks.tolist()]
-        return replace(truth, tracks=np.array(tracks, np.int64))
-
-    def _tracked_lines(
-        self, frame: DatasetFrame, boxes: DatasetBoxes, *, has_scores: bool, is_counted: bool
-    ) -> list[str]:
-        has_track = boxes.tracks >= 0
-        if is_counted and not has_track.all():
-            self.left_out["boxes without a track"] += int((~has_track).sum())
-        lines = []
-        for row in np.flatnonzero(has_track):
-            line = self._lines(frame, boxes.select(np.array([row])), has_scores=has_scores, is_counted=is_counted)
-            lines += [f"{self._count} {boxes.tracks[row]} {one}" for one in line]
-        return lines
-
-    def _truncation(self, share: float) -> str:
-        return str(round(2 * share))  # 0 inside, 1 partly, 2 largely outside
+    image_folder, label_folder = "training/image_02", "training/label_02"

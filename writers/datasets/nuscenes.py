@@ -6,7 +6,7 @@ is the site frame. Tokens are hashes of what they name, so that the same results
 
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -64,8 +64,8 @@ class NuScenesWriter:
         self._tables: dict[str, list[Row]] = {name: [] for name in TABLES}
         self._results: dict[str, list[Row]] = {}
         self._scene: DatasetScene
-        self._samples: list[Row] = []
-        self._last: dict[str, Row] = {}
+        self._samples: list[str] = []
+        self._last: dict[str, Row] = {}  # by chain
         self._instances: dict[str, Row] = {}
         self._calibrations: dict[str, str] = {}
         self._lone = 0
@@ -92,22 +92,16 @@ class NuScenesWriter:
             lacking = "a cloud" if frame.cloud is None else "a known place of the site frame"
             self.left_out[f"frames without {lacking}"] += 1
             return
-        scene = self._scene
-        number = len(self._samples)
-        token = self._token("sample", frame.index)
+        number, cloud = len(self._samples), frame.cloud
         sample = self._put(
             "sample",
-            (scene.origin, "sample", frame.index),
+            (self._scene.origin, "sample", frame.index),
+            chain="sample",
             timestamp=frame.stamp_ns // 1000,
-            prev=self._samples[-1]["token"] if self._samples else "",
-            next="",
             scene_token=self._token("scene"),
         )
-        if self._samples:
-            self._samples[-1]["next"] = token
-        self._samples.append(sample)
+        self._samples.append(str(sample["token"]))
         path = self._file(LIDAR, f"{number:06d}.pcd.bin")
-        cloud = frame.cloud
         points = np.column_stack([cloud.xyz, cloud.intensity * 255, cloud.ring])
         (self._folder / path).write_bytes(points.astype("<f4").tobytes())
         self._put_data(LIDAR, frame.index, path, frame.stamp_ns, frame.T_fixed_site, "pcd", (0, 0))
@@ -118,26 +112,20 @@ class NuScenesWriter:
             channel = _channel(name)
             path = self._file(channel, f"{number:06d}.jpg")
             write_image(self._folder / path, image.rgb)
-            size = (image.rgb.shape[0], image.rgb.shape[1])
-            self._put_data(channel, frame.index, path, image.stamp_ns, image.T_fixed_site, "jpg", size)
+            self._put_data(channel, frame.index, path, image.stamp_ns, image.T_fixed_site, "jpg", image.rgb.shape)
             self.written["images"] += 1
         boxes = frame.objects if frame.truth is None else frame.truth
         self._put_annotations(frame, boxes, frame.T_fixed_site)
         self.written.update(frames=1, boxes=len(boxes))
-        self._put_results(token, frame.objects, frame.T_fixed_site)
+        self._put_results(self._samples[-1], frame.objects, frame.T_fixed_site)
 
     def finish(self) -> None:
         """See `DatasetWriter`."""
         self._end_scene()
         scenes, tables = self._tables["scene"], self._folder / VERSION
         tables.mkdir(parents=True)
-        self._put(
-            "map",
-            ("map",),
-            log_tokens=[log["token"] for log in self._tables["log"]],
-            category="semantic_prior",
-            filename="maps/none.png",
-        )
+        logs = [log["token"] for log in self._tables["log"]]
+        self._put("map", ("map",), log_tokens=logs, category="semantic_prior", filename="maps/none.png")
         (self._folder / "maps").mkdir()
         cv2.imwrite(str(self._folder / "maps" / "none.png"), np.zeros((1, 1), np.uint8))
         for name, rows in self._tables.items():
@@ -149,8 +137,15 @@ class NuScenesWriter:
     def _token(self, *what: object) -> str:
         return _token(self._scene.origin, *what)
 
-    def _put(self, table: str, what: tuple[object, ...], **values: Any) -> Row:
+    def _put(self, table: str, what: tuple[object, ...], *, chain: str = "", **values: Any) -> Row:
+        """A new row of a table; rows of one chain of the scene point to one another."""
         row = {"token": _token(*what), **values}
+        if chain:
+            last = self._last.get(chain)
+            row |= {"prev": last["token"] if last else "", "next": ""}
+            if last:
+                last["next"] = row["token"]
+            self._last[chain] = row
         self._tables[table].append(row)
         return row
 
@@ -172,14 +167,14 @@ class NuScenesWriter:
         return str(folder / f"{self._scene.name}__{channel}__{name}")
 
     def _put_data(
-        self, channel: str, index: int, path: str, stamp_ns: int, T_fixed_site: F64, kind: str, size: tuple[int, int]
+        self, channel: str, index: int, path: str, stamp_ns: int, T_fixed_site: F64, kind: str, size: Sequence[int]
     ) -> None:
         origin, stamp_us = self._scene.origin, stamp_ns // 1000
         pose = self._put("ego_pose", (origin, "ego_pose", channel, index), timestamp=stamp_us, **_pose(T_fixed_site))
-        last = self._last.get(channel)
-        row = self._put(
+        self._put(
             "sample_data",
             (origin, "sample_data", channel, index),
+            chain=channel,
             sample_token=self._token("sample", index),
             ego_pose_token=pose["token"],
             calibrated_sensor_token=self._calibrations[channel],
@@ -189,12 +184,7 @@ class NuScenesWriter:
             height=size[0],
             width=size[1],
             filename=path,
-            prev=last["token"] if last else "",
-            next="",
         )
-        if last:
-            last["next"] = row["token"]
-        self._last[channel] = row
 
     def _put_annotations(self, frame: DatasetFrame, boxes: DatasetBoxes, T_fixed_site: F64) -> None:
         counts, origin = self._points(frame, boxes), self._scene.origin
@@ -215,23 +205,18 @@ class NuScenesWriter:
                     first_annotation_token=token,
                     last_annotation_token="",
                 )
-            last = self._last.get(instance["token"])
-            annotation = self._put(
+            self._put(
                 "sample_annotation",
                 (origin, "sample_annotation", frame.index, row),
+                chain=instance["token"],
                 sample_token=self._token("sample", frame.index),
                 instance_token=instance["token"],
                 visibility_token="",
                 attribute_tokens=[],
                 **placed,
-                prev=last["token"] if last else "",
-                next="",
                 num_lidar_pts=int(counts[row]),
                 num_radar_pts=0,
             )
-            if last:
-                last["next"] = token
-            self._last[instance["token"]] = annotation
             instance["nbr_annotations"] += 1
             instance["last_annotation_token"] = token
 
@@ -275,8 +260,8 @@ class NuScenesWriter:
                 description="",
                 log_token=self._token("log"),
                 nbr_samples=len(self._samples),
-                first_sample_token=self._samples[0]["token"],
-                last_sample_token=self._samples[-1]["token"],
+                first_sample_token=self._samples[0],
+                last_sample_token=self._samples[-1],
             )
         self._samples = []
 
