@@ -15,7 +15,7 @@ from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.rig.topic_names import is_truth
 from lidcam.readers.truth.topics import WHEN_MEASURED
 from lidcam.writers.mcap.writer import reserved_topics
-from lidcam.writers.messages.edge_scenes import truth_scene_topic
+from lidcam.writers.messages.scene import truth_scene_topic
 
 ROS_ENCODINGS = frozenset({"ros1", "cdr"})
 

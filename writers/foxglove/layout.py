@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from lidcam.pipeline.core.rig import CameraSensor, Rig
-from lidcam.writers.messages.edge_scenes import PLACED_SCENE, truth_scene_topic
+from lidcam.writers.messages.scene import PLACED_SCENE, truth_scene_topic
 from lidcam.writers.outputs.marks import marked_json
 from lidcam.writers.panels import OBJECTS_TITLE, SKEW_TITLE, Panels, ScenePanels, arrange, scene_panels
 from lidcam.writers.viewpoint import SceneSurvey, Viewpoint, cameras_in_order

@@ -5,7 +5,7 @@ import contextlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import Literal
 
 from mcap.writer import CompressionType, Writer
 
@@ -52,10 +52,9 @@ class MessageSink(ABC):
 class McapOutput(MessageSink):
     """An open MCAP file; `mcap_file` opens one."""
 
-    def __init__(self, stream: BinaryIO, profile: str, compression: str) -> None:
-        self._writer = Writer(stream, CHUNK_BYTES, CompressionType[compression.upper()])
+    def __init__(self, writer: Writer) -> None:
+        self._writer = writer
         self._schemas: dict[tuple[str, str, bytes], int] = {}
-        self._writer.start(profile, LIBRARY)
 
     def add_channel(
         self, topic: str, encoding: str, schema: tuple[str, str, bytes], metadata: Mapping[str, str] | None = None
@@ -77,14 +76,6 @@ class McapOutput(MessageSink):
         """Attach a text file."""
         self._writer.add_attachment(time_ns, time_ns, name, media_type, text.encode())
 
-    def finish(self) -> None:
-        """Write what is left, and the summary.
-
-        Raises:
-            OSError: it cannot be written.
-        """
-        self._writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
-
 
 @contextlib.contextmanager
 def mcap_file(
@@ -96,9 +87,10 @@ def mcap_file(
         OSError: it cannot be written.
     """
     with path.open("xb") as stream:
-        file = McapOutput(stream, profile, compression)
-        yield file
-        file.finish()
+        writer = Writer(stream, CHUNK_BYTES, CompressionType[compression.upper()])
+        writer.start(profile, LIBRARY)
+        yield McapOutput(writer)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates in part
 
 
 def _schema(channel: Channel) -> tuple[str, str, bytes]:

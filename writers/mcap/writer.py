@@ -8,7 +8,7 @@ results give equal bytes.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -27,19 +27,11 @@ from lidcam.writers.drawing import DrawnObjects, ObjectEdges, camera_image, obje
 from lidcam.writers.foxglove.layout import FOV_Y_DEG, foxglove_layout, label_eye
 from lidcam.writers.labels_3d import LabelPlaces
 from lidcam.writers.mcap.output import Buffer, McapOutput, MessageSink, mcap_file
+from lidcam.writers.messages import scene
 from lidcam.writers.messages.annotations import image_annotations
 from lidcam.writers.messages.detections import detections_2d, detections_3d, lidcam_objects, track_array
 from lidcam.writers.messages.diagnostics import diagnostics
-from lidcam.writers.messages.edge_scenes import PLACED, PLACED_SCENE, placed_scene, truth_scene, truth_scene_topic
-from lidcam.writers.messages.scene import marker_array, scene_update, zone_entities
-from lidcam.writers.messages.sensors import (
-    COMPRESSED,
-    camera_info,
-    cloud_message,
-    image_cdr,
-    moving_transform,
-    static_transforms,
-)
+from lidcam.writers.messages.sensors import COMPRESSED, camera_info, cloud_message, image_cdr, static_transforms
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.marks import INPUTS, RESULT
 from lidcam.writers.outputs.transaction import OutputFile
@@ -51,7 +43,7 @@ from lidcam.writers.viewpoint import SceneSurvey
 TRACKS = "/tracks"
 """Topic of the tracks; it has a message in each frame where objects are tracked."""
 
-_LATER = ("/tf", TRACKS, PLACED, PLACED_SCENE)
+_LATER = ("/tf", TRACKS, scene.PLACED, scene.PLACED_SCENE)
 """Added with their first message, like images, whose type is known from their first message."""
 
 _STAMP_END = 12
@@ -111,8 +103,6 @@ class McapResultWriter(ResultWriter):
         self._messages: ResultMessages
 
     def _open(self, resources: ExitStack) -> None:
-        if self._layout is not None:
-            resources.enter_context(self._written_layout(self._layout))
         compression = self._config.output.compression
         self._file = resources.enter_context(mcap_file(self._output.part, profile="ros2", compression=compression))
         self._file.add_metadata(RESULT, self._provenance.metadata())
@@ -125,6 +115,8 @@ class McapResultWriter(ResultWriter):
         if later := self._provenance.checksums():
             self._file.add_metadata(INPUTS, later)
         self._file.attach("summary.json", self._provenance.summary(), self._provenance.start_ns, "application/json")
+        if self._layout is not None:  # at the end: it names only topics that the file has
+            self._layout.write_text(foxglove_layout(self._rig, self._messages.survey, self._messages.filled))
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
         """Write one frame.
@@ -137,12 +129,6 @@ class McapResultWriter(ResultWriter):
         """
         with output_errors(self.path):
             return self._messages.add_frame(result)
-
-    @contextmanager
-    def _written_layout(self, layout: OutputFile) -> Iterator[None]:
-        """Writes the layout when the block ends well: it names only topics that the file has."""
-        yield
-        layout.write_text(foxglove_layout(self._rig, self._messages.survey, self._messages.filled))
 
 
 class ResultMessages:
@@ -218,28 +204,27 @@ class ResultMessages:
 
     def _site_messages(self, drawn: DrawnObjects) -> Iterator[tuple[str, Any]]:
         """Everything about a frame as a whole: motion, objects, what the lidars saw."""
-        result, objects, names = drawn.result, drawn.boxes, drawn.class_names
+        result, objects, names, tracks = drawn.result, drawn.boxes, drawn.class_names, drawn.result.fused.tracks
         stamp_ns, site_frame, motion = result.bundle.stamp_ns, self._rig.site_frame, result.bundle.motion
-        output, tracks = self._config.output, result.fused.tracks
         if motion is not None and motion.covers(stamp_ns):
-            yield "/tf", moving_transform(motion, stamp_ns)
+            pose = Transform(motion.fixed_frame_id, motion.frame_id, motion.at(stamp_ns)[0])
+            yield "/tf", ROS2.transforms(stamp_ns, [pose])
         counted = objects.select(objects.class_ids < len(self._config.classes))
         yield "/lidar_camera_fused", lidcam_objects(counted, self._rig.counted_zones, stamp_ns=stamp_ns)
         yield "/fused/detections", detections_3d(objects, names, stamp_ns=stamp_ns, track_numbers=drawn.tracks)
         if tracks is not None:
             yield TRACKS, track_array(objects, tracks, names, stamp_ns=stamp_ns)
-        trails, zones = self._trails.add_frame(result), zone_entities(self.survey, objects)
-        yield "/fused/scene", scene_update(drawn, trails, self._label_places.of(drawn), zones)
-        yield "/fused/markers", marker_array(drawn)
+        trails, zones = self._trails.add_frame(result), scene.zone_entities(self.survey, objects)
+        yield "/fused/scene", scene.scene_update(drawn, trails, self._label_places.of(drawn), zones)
+        yield "/fused/markers", scene.marker_array(drawn)
         yield "/lidar/detections", detections_3d(result.detections.lidar, names, stamp_ns=stamp_ns)
         if (placed := result.detections.placed) is not None:
-            yield PLACED, detections_3d(placed, names, stamp_ns=stamp_ns)
-            yield PLACED_SCENE, placed_scene(placed, names, stamp_ns=stamp_ns)
-        if output.clouds:
-            combined = result.combined
-            yield "/point_cloud_combined", cloud_message(combined.cloud, stamp_ns=stamp_ns, frame_id=site_frame)
-            if output.ground:
-                yield "/ground_cloud", cloud_message(combined.ground_cloud, stamp_ns=stamp_ns, frame_id=site_frame)
+            yield scene.PLACED, detections_3d(placed, names, stamp_ns=stamp_ns)
+            yield scene.PLACED_SCENE, scene.placed_scene(placed, names, stamp_ns=stamp_ns)
+        clouds = {"/point_cloud_combined": result.combined.cloud, "/ground_cloud": result.combined.ground_cloud}
+        for topic, cloud in clouds.items():
+            if topic in self._channels:  # as the settings of the output say
+                yield topic, cloud_message(cloud, stamp_ns=stamp_ns, frame_id=site_frame)
 
     def _add_camera(self, drawn: DrawnObjects, camera: CameraSensor, edges: ObjectEdges) -> Iterable[Drop]:
         """Add the messages of a camera, all with the stamp of its image; returns an image that cannot be copied."""
@@ -276,7 +261,7 @@ class ResultMessages:
 
     def _add_truth(self, known: Iterable[tuple[FrameTime, TrueBoxes]]) -> None:
         for frame, truth in known:
-            self._add(truth_scene_topic(truth.topic), truth_scene(truth), frame.log_time_ns)
+            self._add(scene.truth_scene_topic(truth.topic), scene.truth_scene(truth), frame.log_time_ns)
 
     def _add(self, topic: str, message: Any, log_time_ns: int) -> None:
         self._add_cdr(topic, message.__msgtype__, ROS2.serialize(message), log_time_ns)

@@ -14,7 +14,7 @@ from lidcam.pipeline.core.ros.messages import ROS2
 LABEL_PX = 13.0
 
 _EDGES = BOX_EDGES.reshape(-1).astype(np.uint32)
-_LINE_STRIP, _LINE_LOOP, _LINE_LIST = 0, 1, 2  # LinePrimitive
+LINE_STRIP, LINE_LOOP, _LINE_LIST = 0, 1, 2  # LinePrimitive
 _DELETE_ALL_ENTITIES = 1  # SceneEntityDeletion.ALL
 
 
@@ -91,22 +91,13 @@ def outlines(corners: F64, rgba: F64, thickness_px: Any, *, poses: Any = None) -
         thickness_px: (N,) or of all.
         poses: (N,) frames of the corners; None: the corners are in the scene's frame.
     """
-    return _lines(_LINE_LIST, corners, rgba, thickness_px, poses, indices=[_EDGES] * len(corners))
+    return lines(_LINE_LIST, corners, rgba, thickness_px, poses=poses, indices=[_EDGES] * len(corners))
 
 
-def ellipses(points: F64, rgba: F64, thickness_px: Any) -> list[Any]:
-    """foxglove_msgs/LinePrimitive: closed lines through points (N, K, 3) of the scene."""
-    return _lines(_LINE_LOOP, points, rgba, thickness_px)
-
-
-def strips(paths: Sequence[F64], rgba: F64, thickness_px: Any) -> list[Any]:
-    """foxglove_msgs/LinePrimitive: open lines through points (K, 3) of the scene each."""
-    return _lines(_LINE_STRIP, paths, rgba, thickness_px)
-
-
-def _lines(
-    kind: int, places: Sequence[F64] | F64, rgba: F64, thickness_px: Any, poses: Any = None, **others: Any
+def lines(
+    kind: int, places: Sequence[F64] | F64, rgba: F64, thickness_px: Any, *, poses: Any = None, **others: Any
 ) -> list[Any]:
+    """foxglove_msgs/LinePrimitive: open or closed lines through points (K, 3) of the scene each."""
     n = len(places)
     return ROS2.rows(
         "foxglove_msgs/msg/LinePrimitive",

@@ -4,32 +4,34 @@ Each message first deletes what the one before it drew, so nothing stale stays, 
 """
 
 from collections.abc import Sequence
-from itertools import chain
+from itertools import chain, compress
 from typing import Any
 
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.detections import Boxes3D, source_names
-from lidcam.pipeline.core.geometry.boxes import UNIT_CORNERS
+from lidcam.pipeline.core.geometry.boxes import UNIT_CORNERS, box_corners
 from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
+from lidcam.pipeline.core.true_boxes import TrueBoxes
 from lidcam.writers.drawing import ARROW_SHARE, DrawnObjects, ground_ellipses
 from lidcam.writers.messages.parts import (
+    LINE_LOOP,
+    LINE_STRIP,
     box_poses,
     colors,
-    ellipses,
     entities,
     labels,
+    lines,
     opaque,
     outlines,
     places_as_poses,
     split,
-    strips,
     vectors,
     whole_scene,
 )
-from lidcam.writers.palette import ZONE
+from lidcam.writers.palette import CAMERA_ONLY, TRUTH, ZONE
 from lidcam.writers.viewpoint import SceneSurvey, drawn_zones, zone_texts
 
 ZONE_ID = "zone-"
@@ -37,7 +39,6 @@ ZONE_ID = "zone-"
 
 LABEL_SHARE = 0.35
 """Height of a marker's letters as a share of the height of its box: fits a street and a 1:14 model of one."""
-
 
 ALPHA_STRONG, ALPHA_PLACED, ALPHA_PREDICTED, ALPHA_FAINT, ALPHA_TRAIL = 0.25, 0.15, 0.08, 0.1, 0.8
 _EDGE_PX = 2.0
@@ -86,13 +87,15 @@ def scene_update(drawn: DrawnObjects, trails: Sequence[F64], places: F64, zones:
     sizes = vectors(objects.sizes)
     cubes = ROS2.rows("foxglove_msgs/msg/CubePrimitive", n, pose=poses, size=sizes, color=colors(rgba))
     edges = outlines(UNIT_CORNERS / 2 * objects.sizes[:, None], edge_colors, thickness_px, poses=poses)
-    around = split(ellipses(ground_ellipses(objects)[thin], edge_colors[thin], thickness_px[thin]), thin)
+    ellipses = ground_ellipses(objects)[thin]
+    around = split(lines(LINE_LOOP, ellipses, edge_colors[thin], thickness_px[thin]), thin)
     has_trail = np.array([len(trail) > 0 for trail in trails], np.bool_)
-    shown_trails = [trail for trail in trails if len(trail)]
-    behind = split(strips(shown_trails, rgba[has_trail] * [1, 1, 1, 0] + [0, 0, 0, ALPHA_TRAIL], _EDGE_PX), has_trail)
-    up_to_labels = [np.stack(pair) for pair in zip(drawn.roofs[strong], places[strong], strict=True)]
-    leaders = split(strips(up_to_labels, edge_colors[strong] * [1, 1, 1, _LEADER_ALPHA], _EDGE_PX / 2), strong)
-    texts = [text for text, shown in zip(drawn.labels, strong.tolist(), strict=True) if shown]
+    trail_colors = rgba[has_trail] * [1, 1, 1, 0] + [0, 0, 0, ALPHA_TRAIL]
+    behind = split(lines(LINE_STRIP, [*compress(trails, has_trail)], trail_colors, _EDGE_PX), has_trail)
+    up_to_labels = np.stack([drawn.roofs, places], 1)[strong]
+    leader_colors = edge_colors[strong] * [1, 1, 1, _LEADER_ALPHA]
+    leaders = split(lines(LINE_STRIP, up_to_labels, leader_colors, _EDGE_PX / 2), strong)
+    texts = [*compress(drawn.labels, strong)]
     numbers = enumerate(drawn.tracks.tolist())
     ids = [f"object-{row}" if number == NO_TRACK else f"track-{number}" for row, number in numbers]
     shown_objects = entities(
@@ -120,7 +123,7 @@ def zone_entities(survey: SceneSurvey, objects: Boxes3D) -> list[Any]:
         objects.stamp_ns,
         survey.rig.site_frame,
         {"use": [zone.use for zone in zones]},
-        lines=[[line] for line in strips(outlines_site, opaque(ZONE), _EDGE_PX)],
+        lines=[[line] for line in lines(LINE_STRIP, outlines_site, opaque(ZONE), _EDGE_PX)],
         texts=[[text] for text in texts],
     )
 
@@ -191,3 +194,52 @@ def marker_array(drawn: DrawnObjects) -> Any:
         text=[*drawn.labels],
     )
     return ROS2.new("visualization_msgs/msg/MarkerArray", [*delete, *chain(*zip(cubes, texts, strict=True))])
+
+
+PLACED = "/cameras/detections"
+PLACED_SCENE = "/cameras/scene"
+"""Topics of the boxes that the cameras alone place; they have a message where a camera has 2D boxes."""
+
+PLACED_EDGE_PX, TRUTH_EDGE_PX = 1.0, 1.5
+ROOF_SHARE = 0.6
+"""Height of a label above the centre, as a share of the height of the box: just above its roof."""
+
+
+def truth_scene_topic(topic: str) -> str:
+    """Topic on which the objects of a topic of truth are drawn."""
+    return f"{topic}/scene"
+
+
+def placed_scene(boxes: Boxes3D, class_names: Sequence[str], *, stamp_ns: int) -> Any:
+    """foxglove_msgs/SceneUpdate: edges, class and score of each box, and an ellipse of one standard deviation."""
+    names, scores = [class_names[class_id] for class_id in boxes.class_ids.tolist()], boxes.scores.tolist()
+    color = opaque(CAMERA_ONLY)
+    edges = outlines(UNIT_CORNERS / 2 * boxes.sizes[:, None], color, PLACED_EDGE_PX, poses=box_poses(boxes))
+    around = lines(LINE_LOOP, ground_ellipses(boxes), color, PLACED_EDGE_PX)
+    texts = [f"{name} {score:.2f}" for name, score in zip(names, scores, strict=True)]
+    drawn = entities(
+        [f"placed-{row}" for row in range(len(boxes))],
+        stamp_ns,
+        boxes.frame_id,
+        {"class": names, "score": [f"{score:.4f}" for score in scores]},
+        lines=[[*pair] for pair in zip(edges, around, strict=True)],
+        texts=[[text] for text in labels(texts, boxes.centers + boxes.sizes * [0.0, 0.0, ROOF_SHARE], color)],
+    )
+    return whole_scene(stamp_ns, drawn)
+
+
+def truth_scene(truth: TrueBoxes) -> Any:
+    """foxglove_msgs/SceneUpdate: the edges of every object's box, in the colour of the truth.
+
+    A click tells its class: labels would cover those of the objects.
+    """
+    color = opaque(TRUTH)
+    corners = box_corners(truth.centers, truth.sizes, truth.yaws)
+    drawn = entities(
+        [f"truth-{row}" for row in range(len(truth.labels))],
+        truth.stamp_ns,
+        truth.frame_id,
+        {"class": truth.labels},
+        lines=[[edges] for edges in outlines(corners, color, TRUTH_EDGE_PX)],
+    )
+    return whole_scene(truth.stamp_ns, drawn)

@@ -7,7 +7,6 @@ import numpy as np
 
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import MessageError, is_short_memory
-from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import CameraSensor, Rig
@@ -68,11 +67,6 @@ def static_transforms(rig: Rig, stamp_ns: int, others: Iterable[Transform] = ())
         if edge.src != edge.dst:
             by_child.setdefault(edge.src, edge)
     return ROS2.transforms(stamp_ns, by_child.values())
-
-
-def moving_transform(motion: PoseSamples, stamp_ns: int) -> Any:
-    """TFMessage with the pose of the moving frame at a time that the motion covers."""
-    return ROS2.transforms(stamp_ns, [Transform(motion.fixed_frame_id, motion.frame_id, motion.at(stamp_ns)[0])])
 
 
 def camera_info(camera: CameraSensor, stamp_ns: int) -> Any:

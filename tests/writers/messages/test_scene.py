@@ -7,7 +7,7 @@ from frames import CONFIG, START_NS, frame
 from lidcam.pipeline.core.detections import Source
 from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.pipeline.core.true_boxes import TrueBoxes
-from lidcam.writers.messages.edge_scenes import placed_scene, truth_scene
+from lidcam.writers.messages.scene import placed_scene, truth_scene
 
 CAMERA, LIDAR = Source.CAMERA, Source.LIDAR
 
