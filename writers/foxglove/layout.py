@@ -36,6 +36,8 @@ _PRELOADED = {"scene": {"transforms": {"enablePreloading": True}}}
 
 Config = dict[str, Any]
 Split = str | dict[str, Any]
+Direction = Literal["row", "column"]
+_DIRECTIONS: tuple[Direction, Direction] = "row", "column"
 
 
 class _Panel(NamedTuple):
@@ -70,11 +72,8 @@ def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str]) -> s
     ]
     cameras = [_image(camera, topic, topics) for camera, topic in images]
     layout: Split = _split(views.direction, scenes[0].id, scenes[1].id, views.share)
-    ids = [panel.id for panel in extra]
-    if panels.side == "right":
-        layout = _split("column", layout, _row("row", ids), 1 - _EXTRA_SHARE)
-    else:
-        layout = _split("row", layout, _row("column", ids), 1 - _EXTRA_SHARE)
+    along, across = _DIRECTIONS if panels.side == "right" else _DIRECTIONS[::-1]
+    layout = _split(across, layout, _row(along, [panel.id for panel in extra]), 1 - _EXTRA_SHARE)
     if cameras:
         ids, columns = [panel.id for panel in cameras], panels.columns
         grid = _row("column", [_row("row", ids[first : first + columns]) for first in range(0, len(ids), columns)])
@@ -108,18 +107,13 @@ def _arranged(cameras: Sequence[CameraSensor]) -> tuple[Panels, ScenePanels]:
 def _scene(rig: Rig, title: str, viewpoint: Viewpoint, topics: Collection[str]) -> Config:
     size_m, is_above = viewpoint.size_m, viewpoint.is_above
     truth = sorted({one for one in topics if one.endswith(truth_scene_topic(""))} - {"/fused/scene", PLACED_SCENE})
+    # The width is that of its lines.
+    frustum = {"distance": _metres(size_m * 0.08), "width": _metres(size_m * 0.003), "color": _FRUSTUM_COLOR}
     settings: Mapping[str, Config] = {
         "/point_cloud_combined": _CLOUD,
         "/ground_cloud": {"colorField": "z", "colorMode": "flat", "flatColor": _GROUND_COLOR, "pointSize": 1.5},
         "/fused/scene": _NO_OUTLINES,  # white ones; the objects bring their own
-        **{
-            f"/{camera.name}/camera_info": {
-                "distance": _metres(size_m * 0.08),
-                "width": _metres(size_m * 0.003),  # of its lines
-                "color": _FRUSTUM_COLOR,
-            }
-            for camera in rig.cameras
-        },
+        **{f"/{camera.name}/camera_info": frustum for camera in rig.cameras},
         **dict.fromkeys(truth, _NO_OUTLINES),
     }
     shown: Config = {
@@ -184,10 +178,6 @@ def _image(camera: CameraSensor, topic: str, topics: Collection[str]) -> _Panel:
     return _Panel(f"Image!{camera.name}", {**_titled(camera.name), "imageMode": mode, **_PRELOADED, "topics": {}})
 
 
-def _of_diagnostics(key: str) -> str:
-    return f'/diagnostics.status[:].values[:]{{key=="{key}"}}.value'
-
-
 _OBJECT_PATHS = (
     ("fused", "objects", _OBJECTS_COLOR),
     ("confirmed by cameras", "confirmed by cameras", _CONFIRMED_COLOR),
@@ -196,11 +186,9 @@ _SKEW_PATHS = (("skew_ms", "sync skew (ms)", _SKEW_COLOR),)
 
 
 def _plot(name: str, title: str, series: Sequence[tuple[str, str, str]]) -> _Panel:
-    paths = [
-        {"value": _of_diagnostics(key), "label": label, "color": color, "enabled": True}
-        | {"timestampMethod": "receiveTime", "showLine": True}
-        for key, label, color in series
-    ]
+    same = {"enabled": True, "timestampMethod": "receiveTime", "showLine": True}
+    value = '/diagnostics.status[:].values[:]{{key=="{}"}}.value'
+    paths = [{"value": value.format(key), "label": label, "color": color, **same} for key, label, color in series]
     config = {
         **_titled(title),
         "paths": paths,
@@ -224,14 +212,14 @@ def _titled(title: str) -> Config:
     return {"foxglovePanelTitle": title, "lichtblickPanelTitle": title}
 
 
-def _row(direction: Literal["row", "column"], parts: Sequence[Split]) -> Split:
+def _row(direction: Direction, parts: Sequence[Split]) -> Split:
     """Parts of equal size side by side, or one below the other."""
     if len(parts) == 1:
         return parts[0]
     return _split(direction, parts[0], _row(direction, parts[1:]), 1 / len(parts))
 
 
-def _split(direction: Literal["row", "column"], first: Split, second: Split, share: float) -> Split:
+def _split(direction: Direction, first: Split, second: Split, share: float) -> Split:
     return {"first": first, "second": second, "direction": direction, "splitPercentage": round(100 * share, 1)}
 
 

@@ -18,14 +18,7 @@ from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.text import brief
-from lidcam.writers.drawing import (
-    DrawnObjects,
-    camera_image,
-    drawn_boxes_2d,
-    height_range,
-    object_edges,
-    strong_objects,
-)
+from lidcam.writers.drawing import DrawnObjects, camera_image, drawn_boxes_2d, height_range, object_edges
 from lidcam.writers.images.above import Area, SiteMap, area_of, draw_above
 from lidcam.writers.images.canvas import FAINT_TEXT, TEXT, Canvas, Label
 from lidcam.writers.palette import MATCHED, class_color
@@ -37,13 +30,7 @@ Look = Literal["full", "compact"]
 
 
 def draw_camera(
-    drawn: DrawnObjects,
-    camera: CameraSensor,
-    image: U8 | None,
-    *,
-    width_px: int,
-    title: str,
-    look: Look,
+    drawn: DrawnObjects, camera: CameraSensor, image: U8 | None, *, width_px: int, title: str, look: Look
 ) -> U8:
     """The image of a camera in a frame, (H, W, 3), red, green, blue.
 
@@ -183,16 +170,10 @@ class Scenes:
             image, unfit = self._camera(scene, camera, width_px, "full" if width_px >= FULL_PX else "compact")
             _paste(canvas, image, place)
             drops += unfit
-        site = draw_above(
-            DrawnObjects.of(scene.frame, self._names),
-            self._rig,
-            scene.trails,
-            area=area,
-            heights=self._heights or (0.0, 1.0),
-            size_px=(above.width, above.height),
-        )
+        drawn, heights, size_px = DrawnObjects.of(scene.frame, self._names), self._heights or (0.0, 1.0), above[2:]
+        site = draw_above(drawn, self._rig, scene.trails, area=area, heights=heights, size_px=size_px)
         _paste(canvas, site, above)
-        self._draw_bar(canvas, scene.frame)
+        self._draw_bar(canvas, drawn)
         return canvas.pixels, tuple(drops)
 
     def _camera(self, scene: Scene, camera: CameraSensor, width_px: int, look: Look) -> Drawn:
@@ -208,17 +189,18 @@ class Scenes:
         pixels = draw_camera(drawn, camera, image, width_px=width_px, title=title, look=look)
         return pixels, () if late_s else tuple(drops)
 
-    def _draw_bar(self, canvas: Canvas, frame: FrameResult) -> None:
+    def _draw_bar(self, canvas: Canvas, drawn: DrawnObjects) -> None:
         """The clock, and how many objects of each class there are."""
-        stamp_ns = frame.bundle.stamp_ns
+        bundle = drawn.result.bundle
+        stamp_ns = bundle.stamp_ns
         clock = f"{(stamp_ns - (self._start_ns or 0)) / 1e9:.1f} s"
         if stamp_ns >= _LEAST_CLOCK_NS:
             time = datetime.fromtimestamp(stamp_ns // 10**9, UTC)
             clock = f"{time:%Y-%m-%d %H:%M:%S}.{stamp_ns // 10**8 % 10} UTC   {clock}"
-        ids, counts = np.unique(frame.fused.objects.class_ids[strong_objects(frame)], return_counts=True)
+        ids, counts = np.unique(drawn.boxes.class_ids[drawn.strong], return_counts=True)
         found = [f"{self._names[row]} {count}" for row, count in zip(ids.tolist(), counts.tolist(), strict=True)]
         canvas.text(12, BAR_PX - 8, clock)
-        text = f"{', '.join(found) or 'no objects'}   frame {frame.bundle.index}"
+        text = f"{', '.join(found) or 'no objects'}   frame {bundle.index}"
         canvas.text(SIZE_PX[0] - 12, BAR_PX - 8, text, FAINT_TEXT, share=1.0)
 
 
@@ -246,6 +228,7 @@ def _arranged(aspects: list[float], area: Area) -> tuple[list[_Place], _Place]:
         for right, down in ((MAX_IMAGES_SHARE, 1.0), (1.0, MAX_IMAGES_SHARE)):
             tile_width = int(min(right * width / columns, down * height / rows * aspect))
             tile_height = int(tile_width / aspect)
+            size_px = tile_width - GAP_PX, tile_height - GAP_PX
             if right < 1:
                 left = width - columns * tile_width
                 above = _Place(0, BAR_PX, left - GAP_PX, height)
@@ -253,9 +236,7 @@ def _arranged(aspects: list[float], area: Area) -> tuple[list[_Place], _Place]:
                 left, top = (width - columns * tile_width) // 2, rows * tile_height + GAP_PX
                 above = _Place(0, BAR_PX + top, width, height - top)
             tiles = [
-                _Place(
-                    left + column * tile_width, BAR_PX + row * tile_height, tile_width - GAP_PX, tile_height - GAP_PX
-                )
+                _Place(left + column * tile_width, BAR_PX + row * tile_height, *size_px)
                 for row, column in (divmod(number, columns) for number in range(count))
             ]
             filled = (count * tile_width * tile_height + above.width * above.height) / (width * height)

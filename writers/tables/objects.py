@@ -1,12 +1,14 @@
 """The fused objects as a table: the record, and the columns that it has in every library and file."""
 
+import csv
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
-from typing import Any, ClassVar, Self, overload
+from typing import IO, Any, ClassVar, Self, overload
 
 import numpy as np
 
@@ -15,7 +17,9 @@ from lidcam.pipeline.core.detections import source_names
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
-from lidcam.writers.tables.files import column_metadata, save_csv, save_parquet
+from lidcam.writers.outputs.errors import output_errors
+from lidcam.writers.outputs.marks import OBJECTS
+from lidcam.writers.outputs.transaction import OutputTransaction
 
 MAX_SHOWN = 10
 """Rows that the text form shows."""
@@ -25,6 +29,12 @@ MAX_SCROLLED = 1000
 
 SHOWN_COLUMNS = ("frame", "track", "class", "zone", "x_m", "y_m", "yaw_rad", "speed_m_s", "score")
 """Columns that it shows: what fits a terminal of 80 columns."""
+
+UNITS = {"_m_s": "m/s", "_rad_s": "rad/s", "_m": "m", "_rad": "rad", "_ns": "ns", "_s": "s"}
+"""By the end of a column's name; the first that fits."""
+
+IN_SITE = frozenset({"x_m", "y_m", "z_m", "yaw_rad", "vx_m_s", "vy_m_s"})
+"""Columns that are given in the site frame."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -219,7 +229,7 @@ class Objects(CheckedTable):
         """The columns as a pyarrow.Table, units and frames in the metadata of its fields."""
         arrow = _library("pyarrow")
         table = arrow.table(dict(self.columns))
-        fields = [field.with_metadata(column_metadata(field.name, self.frame_id)) for field in table.schema]
+        fields = [field.with_metadata(_column_metadata(field.name, self.frame_id)) for field in table.schema]
         return arrow.Table.from_arrays(table.columns, schema=arrow.schema(fields))
 
     def to_csv(self, path: str | PathLike[str]) -> None:
@@ -228,7 +238,14 @@ class Objects(CheckedTable):
         Raises:
             OutputError: it cannot be written.
         """
-        save_csv(Path(path), self.columns)
+        path = Path(path)
+        with (
+            OutputTransaction([path]) as outputs,
+            output_errors(path),
+            outputs[path].part.open("x", encoding="utf-8", newline="") as file,
+        ):
+            file.write(self.csv_header)
+            self.write_rows(file)
 
     def to_parquet(self, path: str | PathLike[str]) -> None:
         """Write the columns as Parquet, as `lidcam process --objects OUT.parquet` does; what stands there is replaced.
@@ -236,7 +253,21 @@ class Objects(CheckedTable):
         Raises:
             OutputError: it cannot be written.
         """
-        save_parquet(Path(path), self.to_arrow(), self.frame_id)
+        from pyarrow import parquet  # takes a quarter of a second, and starts threads
+
+        path, table = Path(path), self.to_arrow().replace_schema_metadata(parquet_metadata(self.frame_id, {}))
+        with OutputTransaction([path]) as outputs, output_errors(path):
+            parquet.write_table(table, outputs[path].part, compression="zstd")
+
+    @property
+    def csv_header(self) -> str:
+        """First line of a CSV table, by which it is known."""
+        return ",".join(self.columns) + "\n"
+
+    def write_rows(self, file: IO[str]) -> None:
+        """Write rows of CSV: numbers as short as they can be without loss, `true` and `false`, nothing for NaN."""
+        rows = zip(*map(_cells, self.columns.values()), strict=True)
+        csv.writer(file, lineterminator="\n").writerows(rows)
 
     def __repr__(self) -> str:
         rows = [SHOWN_COLUMNS, *self._texts(SHOWN_COLUMNS, MAX_SHOWN)] if len(self) else []
@@ -260,6 +291,26 @@ class Objects(CheckedTable):
         """The first rows of some columns."""
         columns = self.select(np.arange(min(len(self), count))).columns
         return ([*map(_text, row)] for row in zip(*(columns[name] for name in names), strict=True))
+
+
+def _column_metadata(name: str, site_frame: str) -> dict[str, str]:
+    """Metadata of a column: its `unit`, and the `frame` in which it is given; none where it has none."""
+    unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), "")
+    facts = {"unit": unit, "frame": site_frame if name in IN_SITE else ""}
+    return {key: value for key, value in facts.items() if value}
+
+
+def parquet_metadata(site_frame: str, origin: Mapping[str, str]) -> dict[str, str]:
+    """The metadata of a Parquet table: under `lidcam.objects`, as JSON, the site frame and where it comes from."""
+    return {OBJECTS: json.dumps({"site_frame": site_frame, **origin})}
+
+
+def _cells(column: Array) -> list[Any]:
+    if column.dtype == np.bool_:
+        return ["true" if value else "false" for value in column.tolist()]
+    if column.dtype.kind == "f":
+        return ["" if text == "nan" else text for text in column.astype(np.str_).tolist()]
+    return list(column.tolist())
 
 
 def _library(name: str) -> Any:

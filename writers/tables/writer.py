@@ -15,10 +15,9 @@ from lidcam.writers.base import ResultWriter
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.transaction import OutputFile
 from lidcam.writers.provenance import Provenance
-from lidcam.writers.tables.files import csv_header, parquet_metadata, write_rows
-from lidcam.writers.tables.objects import Objects
+from lidcam.writers.tables.objects import Objects, parquet_metadata
 
-CSV_HEADER = csv_header(Objects.empty(Rig("", (), (), ()), ()).columns)
+CSV_HEADER = Objects.empty(Rig("", (), (), ()), ()).csv_header
 """First line of a CSV table, by which it is known."""
 
 GROUP_ROWS = 1 << 16
@@ -42,7 +41,7 @@ class _ObjectsWriter(ResultWriter):
 
 
 class CsvObjectsWriter(_ObjectsWriter):
-    """Writes CSV in UTF-8, in the form of `write_rows`."""
+    """Writes CSV in UTF-8, in the form of `Objects.write_rows`."""
 
     name = "csv"
 
@@ -51,7 +50,7 @@ class CsvObjectsWriter(_ObjectsWriter):
         self._file.write(CSV_HEADER)
 
     def _add(self, objects: Objects) -> None:
-        write_rows(self._file, objects.columns)
+        objects.write_rows(self._file)
 
 
 class ParquetObjectsWriter(_ObjectsWriter):
