@@ -80,7 +80,7 @@ def _rendered(name: str, **content: object) -> str:
         undefined=StrictUndefined,
         finalize=lambda value: visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value,
     )
-    environment.filters["prose"] = prose
+    environment.filters |= {"prose": prose, "sentence": lambda text: text[:1].upper() + text[1:]}
     style = Markup(_text("page.css") + _swatches())
     return environment.from_string(_text(name)).render(mark=Markup(PAGE), style=style, **content)
 

@@ -82,19 +82,20 @@ def counts(seen: ReportCollector, class_names: Sequence[str]) -> PageTable:
     users = seen.users.table
     columns = [*range(1, len(users.places)), 0] if len(users.places) > 1 else []
     places = [f"in {users.places[column]}" if column else users.places[column] for column in columns]
-    rows = []
+    rows, is_brief = [], not (users.moved | users.stood).all()
     for class_id, name in enumerate(class_names):
         own = users.class_ids == class_id
         if own.any():
             moved, stood = own & users.moved, own & users.stood
+            counts = [int(which.sum()) for which in (own, moved, stood, *[own & ~moved & ~stood] * is_brief)]
             means, maxima = users.speed_means[moved], users.speed_maxima[moved]
             speeds = (means.mean(), np.percentile(means, FASTER), maxima.max()) if len(means) else ()
             by_place = [int((users.frames[own, column] > 0).sum()) for column in columns]
             shown = [speed_text(float(speed)) for speed in speeds] or [""] * 3
-            numbers = [int(count) for count in (own.sum(), moved.sum(), stood.sum())]
-            rows.append([class_name(class_id, name), *numbers, *by_place, *shown])
+            rows.append([class_name(class_id, name), *counts, *by_place, *shown])
     notes = [f"Speeds in km/h (m/s), of those that moved, i.e. reached {speed_text(MIN_MOVING_SPEED_M_S)}."]
-    head = ["", "number", "moved", "stood", *places, "mean speed", f"{FASTER} % below", "fastest"]
+    counted = ["number", "moved", "stood", *["brief"] * is_brief]
+    head = ["", *counted, *places, "mean speed", f"{FASTER} % below", "fastest"]
     return PageTable(head, rows, notes=notes if rows else ())
 
 
