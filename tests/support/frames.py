@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,7 @@ from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import Channel, Drop, RawMessage
 from lidcam.pipeline.core.rig import LidarSensor, Rig, Zone
+from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.tracks import Tracks
 from lidcam.writers.provenance import Provenance
@@ -46,6 +47,11 @@ PROVENANCE = Provenance(
     "site_frame: site\n",
     START_NS,
 )
+
+
+def through_cdr(message: Any) -> Any:
+    """A message after a trip through its bytes."""
+    return ROS2.deserialize(ROS2.serialize(message), message.__msgtype__)
 
 
 def _rig() -> Rig:

@@ -1,8 +1,9 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from detections import boxes3d
-from frames import CONFIG, PERIOD_NS, START_NS, frame, tracks_of
+from frames import CONFIG, PERIOD_NS, frame, tracks_of
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.frame import FrameResult
@@ -33,14 +34,24 @@ def last_trails(*results: FrameResult) -> list[list[list[float]]]:
     return [[trail.tolist() for trail in trails.add_frame(result)] for result in results][-1]
 
 
-def test_a_trail_is_where_its_track_was_on_the_ground() -> None:
-    found = last_trails(at(0, {3: (1, 2), 5: (7, 7)}), at(1, {5: (8, 7), 9: (0, 0), 3: (1, 3)}))
-    assert found == [[[7, 7, 0], [8, 7, 0]], [], [[1, 2, 0], [1, 3, 0]]]
+STILL = np.stack([np.eye(4)] * 2)
+CASES = {
+    "on the ground": (
+        [at(0, {3: (1, 2), 5: (7, 7)}), at(1, {5: (8, 7), 9: (0, 0), 3: (1, 3)})],
+        [[[7, 7, 0], [8, 7, 0]], [], [[1, 2, 0], [1, 3, 0]]],
+    ),
+    "without a track": ([at(0, {0: (1, 2)}), at(1, {0: (1, 3)})], [[]]),
+    "without tracks": ([frame(0), frame(1)], [[], [], []]),
+    "comes back": ([at(0, {1: (0, 0)}), at(1, {}), at(2, {1: (2, 0)})], [[[0, 0, 0], [2, 0, 0]]]),
+    "time jumps back": ([at(5, {1: (0, 0)}), at(1, {1: (2, 0)})], [[]]),
+    "motion not known": ([at(0, {1: (0, 0)}, STILL), at(30, {1: (1, 0)}, STILL)], [[]]),
+}
 
 
-def test_objects_without_a_track_have_none() -> None:
-    assert last_trails(at(0, {0: (1, 2)}), at(1, {0: (1, 3)})) == [[]]
-    assert last_trails(frame(0), frame(1)) == [[], [], []]
+@pytest.mark.parametrize("case", CASES)
+def test_a_trail_is_where_its_track_was(case: str) -> None:
+    frames, expected = CASES[case]
+    assert last_trails(*frames) == expected
 
 
 def test_a_trail_ends_after_its_time_and_nothing_older_is_kept() -> None:
@@ -52,24 +63,8 @@ def test_a_trail_ends_after_its_time_and_nothing_older_is_kept() -> None:
     assert len(trail) == 0
 
 
-def test_a_track_that_comes_back_has_its_trail() -> None:
-    assert last_trails(at(0, {1: (0, 0)}), at(1, {}), at(2, {1: (2, 0)})) == [[[0, 0, 0], [2, 0, 0]]]
-
-
-def test_time_that_jumps_back_begins_anew() -> None:
-    assert last_trails(at(5, {1: (0, 0)}), at(1, {1: (2, 0)})) == [[]]
-
-
 def test_the_past_is_carried_along_with_a_rig_that_moves() -> None:
-    then, now = np.eye(4), np.eye(4)
+    now = np.eye(4)
     now[:2, :2], now[:2, 3] = [[0.0, -1.0], [1.0, 0.0]], [10.0, 0.0]  # 10 m ahead, then a quarter turn to the left
-    still = np.stack([then, then])
-    (trail,) = last_trails(at(0, {1: (10, 5)}, still), at(1, {1: (5, 0)}, np.stack([then, now])))
+    (trail,) = last_trails(at(0, {1: (10, 5)}, STILL), at(1, {1: (5, 0)}, np.stack([np.eye(4), now])))
     np.testing.assert_allclose(trail, [[5, 0, 0], [5, 0, 0]], atol=1e-9)
-
-
-def test_where_the_motion_is_not_known_trails_begin_anew() -> None:
-    poses = np.stack([np.eye(4)] * 2)
-    first, second = at(0, {1: (0, 0)}, poses), at(30, {1: (1, 0)}, poses)
-    assert second.bundle.stamp_ns == START_NS + 30 * PERIOD_NS
-    assert last_trails(first, second) == [[]]

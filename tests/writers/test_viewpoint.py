@@ -13,6 +13,7 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Fused
 from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.rotations import matrix_of_rpy
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.writers.viewpoint import SURVEYED_FRAMES, SceneSurvey, Viewpoint, cameras_in_order, front_of_rig
@@ -21,10 +22,8 @@ ASPECT, FOV_Y_DEG = 1.3, 55.0
 
 
 def camera(name: str, azimuth_deg: float, place: tuple[float, float, float] = (0, 0, 1.5)) -> CameraSensor:
-    angle = np.radians(azimuth_deg)
     turned = np.eye(4)
-    turned[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    turned[:3, 3] = place
+    turned[:3, :3], turned[:3, 3] = matrix_of_rpy((0.0, 0.0, np.radians(azimuth_deg))), place
     return replace(forward_camera(name), T_camera_site=Transform(name, "site", LOOK_FORWARD @ np.linalg.inv(turned)))
 
 
@@ -97,8 +96,7 @@ def test_sensors_around_a_scene_are_in_view_with_all_of_its_objects(
 @pytest.mark.parametrize("azimuth_deg", [0.0, 90.0, -45.0])
 def test_from_above_the_same_is_in_view_and_all_objects(azimuth_deg: float) -> None:
     survey = SceneSurvey(rig(camera("c", azimuth_deg)))
-    angle = np.radians(azimuth_deg)
-    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    turn = matrix_of_rpy((0.0, 0.0, np.radians(azimuth_deg)))[:2, :2].T
     places, behind = np.array([[10, 3], [30, -2]]) @ turn, np.array([[-40, 5]]) @ turn
     for _ in range(SURVEYED_FRAMES):
         survey.add_frame(seen(places, points=ring(20)))

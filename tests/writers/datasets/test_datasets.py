@@ -1,6 +1,7 @@
 """The formats of data sets, on frames made by hand; KITTI's are read back by the reader of truth."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import OutputError
@@ -43,13 +45,8 @@ def pose(rpy: tuple[float, float, float], at: tuple[float, float, float]) -> Any
 T_SITE_LIDAR = pose((0.02, -0.1, 0.4), (0.3, -0.2, 4.0))
 T_SITE_CAMERA = pose((0.03, 0.44, -0.1), (0.5, 0.1, 4.2))
 T_SITE_CAMERA[:3, :3] = T_SITE_CAMERA[:3, :3] @ np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
-CAMERA = CameraSensor(
-    "front",
-    "/image",
-    "",
-    CameraModel("camera", 640, 480, K, "plumb_bob", np.zeros(5)),
-    Transform("site", "camera", T_SITE_CAMERA).inverse(),
-)
+MODEL = CameraModel("camera", 640, 480, K, "plumb_bob", np.zeros(5))
+CAMERA = CameraSensor("front", "/image", "", MODEL, Transform("site", "camera", T_SITE_CAMERA).inverse())
 RIG = Rig("site", (LidarSensor("top", "/points", Transform("site", "lidar", T_SITE_LIDAR)),), (CAMERA,), ())
 SCENE = DatasetScene("drive", "drive 1", RIG, (CAMERA,), T_SITE_LIDAR, "lidar")
 MANY = [  # x, y, yaw, track: ahead three times, the last without a track; behind the camera
@@ -93,6 +90,10 @@ def written(writer: DatasetWriter, *frames: DatasetFrame) -> None:
     writer.finish()
 
 
+def kitti_labels(folder: Path, name: str = "label_2/000000.txt") -> Any:
+    return parse_kitti_labels((folder / "training" / name).read_text(), folder)
+
+
 @pytest.mark.parametrize(("rows", "seen"), [([], 0), (MANY[:1], 1), (MANY, 3)])
 def test_kitti_labels_are_read_back_though_lidar_and_camera_are_tilted(
     tmp_path: Path, rows: list[tuple[float, float, float, int]], seen: int
@@ -122,30 +123,28 @@ def test_kitti_has_points_in_the_frame_of_the_lidar(tmp_path: Path) -> None:
 
 def test_labels_are_the_truth_where_there_is_one(tmp_path: Path) -> None:
     written(KittiWriter(tmp_path), frame(boxes(MANY[:1]), truth=boxes(MANY[1:3], "Van")))
-    labels = parse_kitti_labels((tmp_path / "training/label_2/000000.txt").read_text(), tmp_path)
-    assert [one.label for one in labels.labels] == ["Van", "Van"]
+    assert [one.label for one in kitti_labels(tmp_path).labels] == ["Van", "Van"]
     assert (tmp_path / "results/lidcam/data/000000.txt").read_text().split()[0] == "Car"
 
 
-def test_a_frame_without_an_image_is_no_frame_of_kitti(tmp_path: Path) -> None:
-    writer, blind = KittiWriter(tmp_path), frame(boxes(MANY))
-    blind.images.clear()  # type: ignore[attr-defined]  # a dict, which writers only read
-    written(writer, blind)
-    assert writer.left_out == {"frames without an image of front": 1}
-    assert not [*tmp_path.iterdir()]
-
-
-@pytest.mark.parametrize("kind", [KittiWriter, NuScenesWriter, CvatWriter])
-def test_a_frame_without_a_cloud_is_left_out_for_that_reason(tmp_path: Path, kind: type[KittiWriter]) -> None:
+@pytest.mark.parametrize(
+    ("kind", "lacks", "reason"),
+    [
+        (KittiWriter, {"images": {}}, "frames without an image of front"),
+        *((kind, {"cloud": None}, "frames without a cloud") for kind in (KittiWriter, NuScenesWriter, CvatWriter)),
+    ],
+)
+def test_a_frame_without_what_a_format_needs_is_left_out(tmp_path: Path, kind: Any, lacks: Any, reason: str) -> None:
     writer = kind(tmp_path)
-    written(writer, replace(frame(boxes(MANY)), cloud=None))
-    assert writer.left_out == {"frames without a cloud": 1}
+    written(writer, replace(frame(boxes(MANY)), **lacks))
+    assert writer.left_out == {reason: 1}
+    assert not [*tmp_path.rglob("0*")]
 
 
 def test_kitti_tracking_numbers_frames_and_tracks(tmp_path: Path) -> None:
     writer = KittiTrackingWriter(tmp_path)
     written(writer, frame(boxes(MANY)), frame(boxes(MANY[:1]), index=3))
-    labels = parse_kitti_labels((tmp_path / "training/label_02/0000.txt").read_text(), tmp_path)
+    labels = kitti_labels(tmp_path, "label_02/0000.txt")
     assert labels.is_tracking
     assert [(one.frame, one.track_id) for one in labels.labels] == [(0, 4), (0, 7), (1, 4)]
     assert writer.left_out == {"boxes without a track": 1, "boxes that front does not see": 1}
@@ -154,37 +153,29 @@ def test_kitti_tracking_numbers_frames_and_tracks(tmp_path: Path) -> None:
 
 def test_kitti_boxes_in_the_image_are_those_of_its_time(tmp_path: Path) -> None:
     """An image 0.1 s after the cloud, from a rig that has driven 1 m; what stands is nearer, what goes along is not."""
-    late = replace(frame(boxes([(8.0, 0.5, 0.3, 4)])), objects=boxes([(8.0, 0.5, 0.3, 4)], name="Car"))
-    ahead = np.eye(4)
-    ahead[0, 3] = 1.0
-    image = replace(late.images["front"], stamp_ns=late.stamp_ns + 100_000_000, T_fixed_site=ahead)
-    at_speed = {x: replace(late.objects, velocities=np.array([[x, 0.0]])) for x in (0.0, 10.0)}
-    seen = {}
-    for name, one in {
-        "now": frame(at_speed[0.0]),
-        "stands": replace(frame(at_speed[0.0]), images={"front": image}),
-        "along": replace(frame(at_speed[10.0]), images={"front": image}),
-    }.items():
-        (tmp_path / name).mkdir()
-        written(KittiWriter(tmp_path / name), one)
+
+    def seen(name: str, x_m: float, speed_m_s: float, *, is_late: bool) -> tuple[F64, list[str]]:
+        """The box in the image, and the one in 3D."""
+        one = frame(replace(boxes([(x_m, 0.5, 0.3, 4)]), velocities=np.array([[speed_m_s, 0.0]])))
+        image = replace(
+            one.images["front"], stamp_ns=one.stamp_ns + 100_000_000, T_fixed_site=pose((0, 0, 0), (1, 0, 0))
+        )
+        written(KittiWriter(tmp_path / name), replace(one, images={"front": image}) if is_late else one)
         (line,) = (tmp_path / name / "training/label_2/000000.txt").read_text().splitlines()
-        seen[name] = np.array(line.split()[4:8], float), line.split()[8:]
-    nearer = frame(replace(boxes([(7.0, 0.5, 0.3, 4)]), velocities=np.zeros((1, 2))))
-    (tmp_path / "nearer").mkdir()
-    written(KittiWriter(tmp_path / "nearer"), nearer)
-    (line,) = (tmp_path / "nearer/training/label_2/000000.txt").read_text().splitlines()
-    np.testing.assert_allclose(seen["stands"][0], np.array(line.split()[4:8], float), atol=0.02)
-    np.testing.assert_allclose(seen["along"][0], seen["now"][0], atol=0.5)
-    assert seen["now"][1] == seen["stands"][1] == seen["along"][1], "in 3D they are where the points are"
+        return np.array(line.split()[4:8], float), line.split()[8:]
+
+    now, stands = seen("now", 8.0, 0.0, is_late=False), seen("stands", 8.0, 0.0, is_late=True)
+    along, nearer = seen("along", 8.0, 10.0, is_late=True), seen("nearer", 7.0, 0.0, is_late=False)
+    np.testing.assert_allclose(stands[0], nearer[0], atol=0.02)
+    np.testing.assert_allclose(along[0], now[0], atol=0.5)
+    assert now[1] == stands[1] == along[1], "in 3D they are where the points are"
 
 
 def test_kitti_has_no_boxes_without_width(tmp_path: Path) -> None:
     """Objects that slip past the border of the image; the reader refuses boxes of no area."""
-    found = boxes(
-        [(x, y, 0.0, row) for row, (x, y) in enumerate((x, y) for x in (6.0, 8.0) for y in np.arange(3, 9, 0.02))]
-    )
+    found = boxes([(x, y, 0.0, 0) for x in (6.0, 8.0) for y in np.arange(3, 9, 0.02)])
     written(writer := KittiWriter(tmp_path), frame(found))
-    labels = parse_kitti_labels((tmp_path / "training/label_2/000000.txt").read_text(), tmp_path).labels
+    labels = kitti_labels(tmp_path).labels
     assert 0 < len(labels) < len(found)
     assert min(np.ptp(np.reshape(one.xyxy, (2, 2)), axis=0).min() for one in labels) >= 1.99
     assert writer.left_out["boxes that front does not see"] == len(found) - len(labels)
@@ -208,15 +199,13 @@ def test_kitti_tracking_numbers_true_objects_from_0(tmp_path: Path) -> None:
     """Ids of a truth may be hashes, of which TrackEval cannot make tables."""
     truth = boxes([(8.0, 0.5, 0.3, 2**60), (12.0, -1.0, 0.0, 7)])
     written(KittiTrackingWriter(tmp_path), frame(boxes([]), truth=truth), frame(boxes([]), truth=truth, index=1))
-    labels = parse_kitti_labels((tmp_path / "training/label_02/0000.txt").read_text(), tmp_path)
-    assert [one.track_id for one in labels.labels] == [0, 1, 0, 1]
+    assert [one.track_id for one in kitti_labels(tmp_path, "label_02/0000.txt").labels] == [0, 1, 0, 1]
 
 
 @pytest.mark.parametrize("make", [NuScenesWriter, KittiWriter, KittiTrackingWriter, CvatWriter])
 def test_the_same_frames_give_the_same_bytes(tmp_path: Path, make: Callable[[Path], DatasetWriter]) -> None:
     contents = []
     for name in ("a", "b"):
-        (tmp_path / name).mkdir()
         written(make(tmp_path / name), frame(boxes(MANY, "car")), frame(boxes([], "car"), index=1))
         files = sorted(path for path in (tmp_path / name).rglob("*") if path.is_file())
         contents.append({path.relative_to(tmp_path / name): path.read_bytes() for path in files})
@@ -234,12 +223,8 @@ def test_cvats_cuboids_stand_in_its_clouds(tmp_path: Path) -> None:
     first, second = whole["items"]
     assert (first["id"], second["id"], second["attr"]["frame"]) == ("drive_000000", "drive_000003", 1)
     in_track = {"keyframe": True, "outside": False, "occluded": False}  # without these, CVAT makes no tracks
-    assert [box["attributes"] for box in first["annotations"]] == [
-        {"track_id": 0, **in_track},
-        {"track_id": 1, **in_track},
-        {},
-        {"track_id": 2, **in_track},
-    ]
+    expected = [{"track_id": track, **in_track} if track >= 0 else {} for track in (0, 1, -1, 2)]
+    assert [box["attributes"] for box in first["annotations"]] == expected
     [box] = second["annotations"]  # the truth, of the same track, but of another class
     assert (box["position"], box["scale"], box["rotation"]) == ([8.0, 0.5, 0.8], [4.2, 1.8, 1.6], [0.0, 0.0, 0.3])
     assert (box["label_id"], box["attributes"]) == (1, {"track_id": 3, **in_track})
@@ -256,14 +241,12 @@ def test_nuscenes_tables_refer_to_one_another(tmp_path: Path) -> None:
     written(NuScenesWriter(tmp_path), *(frame(boxes(MANY[:3], "car"), index=index) for index in (0, 2)))
     tables = tables_of(tmp_path)
     known = {name: {row["token"] for row in rows} for name, rows in tables.items() if name != "splits"}
-    for name, rows in tables.items():
-        for row in rows if name != "splits" else ():
-            for key, value in row.items():
-                table = name if key in {"prev", "next"} else key.removesuffix("_token")
-                table = table.removeprefix("first_").removeprefix("last_") if table not in known else table
-                table = "sample_annotation" if table == "annotation" else table
-                if table in known and (key.endswith("_token") or key in {"prev", "next"}) and value:
-                    assert value in known[table], (name, key)
+    known["annotation"] = known["sample_annotation"]
+    for name, row in [(table, row) for table in known for row in tables.get(table, ())]:
+        for key, value in row.items():
+            table = name if key in {"prev", "next"} else re.sub(r"^(first_|last_)?(.*)_token$", r"\2", key)
+            if value and table != key and table in known:
+                assert value in known[table], (name, key)
     assert [row["nbr_annotations"] for row in tables["instance"]] == [2, 2, 1, 1]  # two have a track
     assert all((tmp_path / row["filename"]).is_file() for row in tables["sample_data"])
     assert {row["num_lidar_pts"] for row in tables["sample_annotation"]} == {0, 2}
@@ -293,7 +276,7 @@ def test_a_submission_has_at_most_500_boxes_a_sample(tmp_path: Path) -> None:
 
 def test_images_are_those_of_a_pinhole_camera() -> None:
     """A line that the lens bends is straight again."""
-    model = CameraModel("camera", 640, 480, K, "plumb_bob", np.array([-0.3, 0.05, 0, 0, 0]))
+    model = replace(MODEL, distortion=np.array([-0.3, 0.05, 0, 0, 0]))
     straight = np.stack([np.full(400, 0.6), np.linspace(-0.6, 0.6, 400), np.ones(400)], -1)
     pixels, _ = model.project(straight)
     bent = np.zeros((480, 640, 3), np.uint8)

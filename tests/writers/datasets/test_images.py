@@ -23,14 +23,8 @@ TRUE, FOUND = (40.0, 20.0, 140.0, 80.0), (50.0, 20.0, 140.0, 80.0)
 
 
 def labels(*boxes: tuple[float, float, float, float], score: float = 1.0, name: str = "bus") -> ImageLabels:
-    n = len(boxes)
-    return ImageLabels(
-        np.full(n, name),
-        np.array(boxes, np.float32).reshape(-1, 4),
-        np.full(n, score, np.float32),
-        np.arange(n) - 1,
-        np.full(n, "both"),
-    )
+    n, xyxy = len(boxes), np.array(boxes, np.float32).reshape(-1, 4)
+    return ImageLabels(np.full(n, name), xyxy, np.full(n, score, np.float32), np.arange(n) - 1, np.full(n, "both"))
 
 
 def image(number: int, found: ImageLabels, truth: ImageLabels | None = None, *, is_late: bool = False) -> LabelledImage:

@@ -16,10 +16,14 @@ CAMERAS = {f"/{name}/{leaf}" for name in ("left", "right") for leaf in ("camera_
 TOPICS = SITE | CAMERAS | {"/left/image", "/right/image/compressed"}
 
 
-def layout(topics: set[str], *, rig: Rig = RIG) -> Any:
+def surveyed(rig: Rig = RIG) -> SceneSurvey:
     survey = SceneSurvey(rig)
     survey.add_frame(frame())
-    return json.loads(foxglove_layout(rig, survey, topics))
+    return survey
+
+
+def layout(topics: set[str], *, rig: Rig = RIG) -> Any:
+    return json.loads(foxglove_layout(rig, surveyed(rig), topics))
 
 
 def leaves(node: Any) -> list[str]:
@@ -72,13 +76,11 @@ def test_everything_is_switched_on_once() -> None:
 
 def test_the_eye_is_that_of_the_viewpoint() -> None:
     """As the panel computes it (CameraStateSettings): three.js' spherical angles, turned about x by 90 degrees."""
-    survey = SceneSurvey(RIG)
-    survey.add_frame(frame())
-    state = json.loads(foxglove_layout(RIG, survey, SITE))["configById"]["3D!scene"]["cameraState"]
+    state = layout(SITE)["configById"]["3D!scene"]["cameraState"]
     phi, theta = np.radians(state["phi"]), -np.radians(state["thetaOffset"])
     x, y, z = np.sin(phi) * np.sin(theta), np.cos(phi), np.sin(phi) * np.cos(theta)
     eye = np.array([x, -z, y]) * state["distance"] + state["targetOffset"]
-    expected = survey.viewpoint(aspect=0.58 * 1600 / 896 / 0.73, fov_y_deg=45)
+    expected = surveyed().viewpoint(aspect=0.58 * 1600 / 896 / 0.73, fov_y_deg=45)
     np.testing.assert_allclose(eye, expected.eye, atol=0.05)
     np.testing.assert_allclose(state["targetOffset"], expected.target, atol=1e-3)
 
@@ -92,9 +94,7 @@ def test_wide_images_are_above_the_scene() -> None:
 
 def test_from_above_the_way_that_is_up_is_up() -> None:
     """As the panel computes it: the orthographic eye is turned about z by minus the angle, x right and y up before."""
-    survey = SceneSurvey(RIG)
-    survey.add_frame(frame())
-    config = json.loads(foxglove_layout(RIG, survey, TOPICS))["configById"]["3D!above"]
+    config = layout(TOPICS)["configById"]["3D!above"]
     assert not config["cameraState"]["perspective"]
     assert not config["topics"]["/left/camera_info"]["visible"]
     theta = -np.radians(config["cameraState"]["thetaOffset"])

@@ -28,6 +28,11 @@ def drawn(result: FrameResult, rig: Rig = RIG, camera: str = "", config: Config 
     return scenes.camera(scene, camera) if camera else scenes.all_cameras(scene)
 
 
+def corners_of(result: FrameResult) -> F64:
+    objects = result.fused.objects
+    return box_corners(objects.centers, objects.sizes, objects.yaws)
+
+
 def has_color(image: U8, places: F64, color: Rgb) -> bool:
     """Whether within a pixel of all places (N, 2) there is the colour, nearly."""
     for x, y in np.floor(places).astype(int).tolist():
@@ -51,20 +56,15 @@ def test_boxes_lie_where_the_lens_has_them() -> None:
     assert (image.shape, str(image.dtype), len(drops)) == ((480, 640, 3), "uint8", 0)
     assert has_color(image, np.array([[200.5, 240], [250, 150], [300.25, 200], [220, 250]]), MATCHED)
     assert has_color(image, np.array([[10, 50], [20, 60], [30, 50.0]]), CAMERA_ONLY)
-    objects = result.fused.objects
-    corners = box_corners(objects.centers, objects.sizes, objects.yaws)[0]
-    edges = [pair for pair in combinations(range(8), 2) if _is_edge(corners, objects.sizes[0], *pair)]
-    middles = np.array([(corners[first] + corners[last]) / 2 for first, last in edges])
+    corners, size = corners_of(result)[0], result.fused.objects.sizes[0]
+    edges = [[a, b] for a, b in combinations(corners, 2) if np.isclose(np.linalg.norm(a - b), size, atol=1e-6).any()]
+    middles = np.mean(edges, 1)
     camera = RIG.cameras[0]
     places = projected(middles, camera.model, camera.T_camera_site.matrix)
     hidden = ((places > [196, 146]) & (places < [305, 255])).all(1)  # near the 2D box, which is on top
     assert len(edges) == 12
     assert (~hidden).sum() > 4
     assert has_color(image, places[~hidden], class_color(0))
-
-
-def _is_edge(corners: F64, size: F64, first: int, last: int) -> bool:
-    return bool(np.isclose(np.linalg.norm(corners[first] - corners[last]), size, atol=1e-6).any())
 
 
 @pytest.mark.parametrize("objects", [0, 1, 3])
@@ -82,18 +82,16 @@ def test_the_site_alone_without_cameras() -> None:
     image, _ = drawn(result, rig)
     area = area_of(result, rig)
     assert area is not None
-    outline = box_corners(result.fused.objects.centers, result.fused.objects.sizes, result.fused.objects.yaws)[:, :4]
+    outline = corners_of(result)[:, :4]
     places = SiteMap(area, SIZE_PX[0], SIZE_PX[1] - 40).pixels(outline).reshape(-1, 2) + np.array([0, 40])
     assert has_color(image, places, class_color(0))
-    small = [
-        replace(one, xyz=one.xyz * np.float32(0.2)) for one in (result.combined.cloud, result.combined.ground_cloud)
-    ]
+    clouds = {name: getattr(result.combined, name) for name in ("cloud", "ground_cloud")}
+    small = {name: replace(one, xyz=one.xyz * np.float32(0.2)) for name, one in clouds.items()}
     far = replace(tracked_frame(0, Seen(7, 8, 0, 2.0)), views={})  # beyond most points: it is in view as a whole
-    far = replace(far, combined=replace(result.combined, cloud=small[0], ground_cloud=small[1]))
+    far = replace(far, combined=replace(result.combined, **small))
     area = area_of(far, rig)
     assert area is not None
-    corners = box_corners(far.fused.objects.centers, far.fused.objects.sizes, far.fused.objects.yaws)[..., :2]
-    assert (np.abs((corners - area.middle) @ area.axes.T) <= area.half_m).all()
+    assert (np.abs((corners_of(far)[..., :2] - area.middle) @ area.axes.T) <= area.half_m).all()
     none = result.combined.cloud.select(np.zeros(0, np.intp))
     combined = replace(result.combined, cloud=none, ground_cloud=none)
     nothing = replace(result, combined=combined)
@@ -102,14 +100,12 @@ def test_the_site_alone_without_cameras() -> None:
 
 
 def test_a_slow_camera_keeps_its_image_and_a_silent_one_does_not() -> None:
-    scenes, first = Scenes(RIG, CONFIG, decode_any_image), frame(0)
+    scenes, first, later = Scenes(RIG, CONFIG, decode_any_image), frame(0), frame(1)
     scenes.add_frame(first)
-    later = frame(1)
-    without = replace(later.detections, cameras={})
     messages = {topic: one for topic, one in later.bundle.messages.items() if not topic.endswith("image")}
     missing = {"/left/image": Missing.NOT_NEAR, "/right/image": Missing.SILENT}
     bundle = replace(later.bundle, messages=messages, missing=missing)
-    scene = scenes.add_frame(replace(later, bundle=bundle, detections=without))
+    scene = scenes.add_frame(replace(later, bundle=bundle, detections=replace(later.detections, cameras={})))
     assert dict(scene.images) == {"left": first}
     now, _ = scenes.camera(scene, "left")
     before, _ = drawn(first, camera="left")

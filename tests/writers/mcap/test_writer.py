@@ -23,7 +23,6 @@ from lidcam.pipeline.core.messages import Channel, Drop, RawMessage
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.true_boxes import TrueBoxes
-from lidcam.writers.base import ResultWriter
 from lidcam.writers.foxglove.layout import layout_path
 from lidcam.writers.mcap.writer import McapResultWriter, reserved_topics
 from lidcam.writers.outputs.transaction import OutputFile, OutputTransaction
@@ -51,13 +50,11 @@ EACH_FRAME = {
 def write(
     path: Path, frames: Iterable[FrameResult], *, config: Config = CONFIG, rig: Rig = RIG
 ) -> list[tuple[Drop, ...]]:
-    layout = layout_path(path) if config.output.layout else None
-    with OutputTransaction([path] if layout is None else [path, layout]) as outputs:
-        writer: ResultWriter = McapResultWriter(
-            outputs[path], rig, config, PROVENANCE, outputs[layout] if layout else None
-        )
-        with writer:
-            return [writer.write(result) for result in frames]
+    with (
+        OutputTransaction([path, *[layout_path(path)] * config.output.layout]) as outputs,
+        McapResultWriter(outputs[path], rig, config, PROVENANCE, outputs.get(layout_path(path))) as writer,
+    ):
+        return [writer.write(result) for result in frames]
 
 
 def logged(path: Path) -> list[tuple[Any, Any, Any]]:
@@ -110,9 +107,8 @@ def test_static_transforms_come_first_and_reach_every_sensor(two_frames: Path) -
     expected = [RIG.lidars[1].T_site_lidar, *(camera.T_camera_site.inverse() for camera in RIG.cameras)]
     for found, transform in zip(message.transforms, expected, strict=True):
         q, t = found.transform.rotation, found.transform.translation
-        np.testing.assert_allclose(
-            Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix(), transform.matrix[:3, :3], atol=1e-12
-        )
+        turn = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
+        np.testing.assert_allclose(turn, transform.matrix[:3, :3], atol=1e-12)
         np.testing.assert_allclose([t.x, t.y, t.z], transform.translation)
 
 
@@ -142,24 +138,15 @@ def test_provenance(two_frames: Path) -> None:
         metadata = {record.name: record.metadata for record in reader.iter_metadata()}
         attachments = {a.name: a for a in reader.iter_attachments()}
     assert (header.profile, header.library) == ("ros2", "lidcam")
-    assert metadata["lidcam"] == {
-        "version": "1.2.3",
-        "settings": "as given",
-        "input.0.name": "a.bag",
-        "input.0.size": "12",
-        "input.1.name": "b.mcap",
-        "input.1.url": "https://host/b.mcap",
-        "input.2.name": "c.bag",
-        "input.2.size": "0",
-        "config.sha256": hashlib.sha256(b"fuse: {}\n").hexdigest(),
-        "rig.sha256": hashlib.sha256(b"site_frame: site\n").hexdigest(),
-    }
+    config, rig = b"fuse: {}\n", b"site_frame: site\n"
+    inputs = {"0.name": "a.bag", "0.size": "12", "1.name": "b.mcap", "1.url": "https://host/b.mcap"}
+    inputs |= {"2.name": "c.bag", "2.size": "0"}
+    hashes = {f"{name}.sha256": hashlib.sha256(text).hexdigest() for name, text in (("config", config), ("rig", rig))}
+    of_inputs = {f"input.{key}": value for key, value in inputs.items()}
+    assert metadata["lidcam"] == {"version": "1.2.3", "settings": "as given", **of_inputs, **hashes}
     assert metadata["lidcam.inputs"] == {"input.0.sha256": "aa" * 32, "input.2.sha256": "cc" * 32}
-    assert {name: a.data for name, a in attachments.items()} == {
-        "lidcam.yaml": b"fuse: {}\n",
-        "rig.yaml": b"site_frame: site\n",
-        "summary.json": b"{}",
-    }
+    found = {name: a.data for name, a in attachments.items()}
+    assert found == {"lidcam.yaml": config, "rig.yaml": rig, "summary.json": b"{}"}
     assert {(a.create_time, a.log_time) for a in attachments.values()} == {(START_NS, START_NS)}
 
 
@@ -184,9 +171,8 @@ def test_what_the_cameras_place_is_written_where_a_camera_looks(tmp_path: Path) 
     (first, second), objects = written[0].detections, placed.fused.objects
     assert [one.results[0].hypothesis.class_id for one in (first, second)] == ["pedestrian", "truck"]
     assert first.bbox.center.position.x == objects.centers[1, 0]
-    np.testing.assert_array_equal(
-        first.results[0].pose.covariance.reshape(6, 6)[np.ix_([0, 1, 5], [0, 1, 5])], COVARIANCE
-    )
+    covariance = first.results[0].pose.covariance.reshape(6, 6)[np.ix_([0, 1, 5], [0, 1, 5])]
+    np.testing.assert_array_equal(covariance, COVARIANCE)
     scenes = [message for _, message in messages_of(tmp_path / "out.mcap", "/cameras/scene")]
     assert [len(message.entities) for message in scenes] == [2, 0]
     shown = json.loads(layout_path(tmp_path / "out.mcap").read_text())["configById"]["3D!scene"]["topics"]
@@ -203,27 +189,28 @@ def test_tracks_have_a_topic_in_every_frame_where_objects_are_tracked(tmp_path: 
     assert "/tracks" in reserved_topics(RIG)
 
 
-def test_images_and_clouds_can_be_left_out(tmp_path: Path) -> None:
-    config = Config.model_validate({"output": {"images": False, "clouds": False}})
-    write(tmp_path / "out.mcap", [frame()], config=config)
-    left_out = {"/left/image", "/right/image/compressed", "/point_cloud_combined", "/ground_cloud"}
-    assert set(topics_of(tmp_path / "out.mcap")) == {"/tf_static", *EACH_FRAME} - left_out
-    ((_, info),) = messages_of(tmp_path / "out.mcap", "/left/camera_info")
-    assert stamp_of(info) == START_NS + 1_000_001
-
-
 def topics_in(layout: str) -> set[str]:
     return set(re.findall(r'"(/[^".]+)', layout))
 
 
-@pytest.mark.parametrize("output", [{}, {"images": False}, {"clouds": False}, {"ground": False}])
-def test_the_layout_names_topics_that_have_messages(tmp_path: Path, output: dict[str, bool]) -> None:
-    write(tmp_path / "out.mcap", [frame(), frame(1)], config=Config.model_validate({"output": output}))
-    named = topics_in((tmp_path / "out.foxglove.json").read_text())
-    assert named <= {topic for topic, (_, count) in topics_of(tmp_path / "out.mcap").items() if count}
-    assert {"/fused/scene", "/diagnostics", "/left/camera_info"} <= named
-    assert ("/left/image" in named) == output.get("images", True)
-    assert ("/ground_cloud" in named) == (output.get("clouds", True) and output.get("ground", True))
+OPTIONAL = {
+    "images": {"/left/image", "/right/image/compressed"},
+    "clouds": {"/point_cloud_combined", "/ground_cloud"},
+    "ground": {"/ground_cloud"},
+}
+
+
+@pytest.mark.parametrize("names", [(), ("images",), ("clouds",), ("ground",), ("images", "clouds")])
+def test_what_is_left_out_of_file_and_layout(tmp_path: Path, names: tuple[str, ...]) -> None:
+    config = Config.model_validate({"output": dict.fromkeys(names, False)})
+    write(tmp_path / "out.mcap", [frame(), frame(1)], config=config)
+    topics, named = topics_of(tmp_path / "out.mcap"), topics_in((tmp_path / "out.foxglove.json").read_text())
+    left_out = set().union(*(OPTIONAL[name] for name in names))
+    assert set(topics) == {"/tf_static", *EACH_FRAME} - left_out
+    assert named <= {topic for topic, (_, count) in topics.items() if count}
+    assert {"/fused/scene", "/diagnostics", "/left/camera_info", "/left/image", "/ground_cloud"} - left_out <= named
+    (_, info), _ = messages_of(tmp_path / "out.mcap", "/left/camera_info")
+    assert stamp_of(info) == START_NS + 1_000_001
 
 
 def test_no_frames_is_a_readable_file(tmp_path: Path) -> None:
@@ -273,19 +260,18 @@ def test_a_broken_image_is_reported_and_the_rest_written(tmp_path: Path) -> None
     assert diagnostics.status[3].values[0].key == "/left/image"
 
 
-@pytest.mark.parametrize("name", ["lidar", "cameras"])
-def test_a_camera_named_like_an_output_is_refused(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "stamp_ns", "error"),
+    [
+        *((name, 0, f"two outputs are called /{name}/detections; rename the camera") for name in ("lidar", "cameras")),
+        *(("left", ns, f"frame 0: a stamp does not fit a ROS 2 header, {ns} ns lies") for ns in (-1, 2**31 * 10**9)),
+    ],
+)
+def test_what_ros_cannot_hold_is_one_clear_line(tmp_path: Path, name: str, stamp_ns: int, error: str) -> None:
     rig = replace(RIG, cameras=(replace(RIG.cameras[0], name=name),))
-    with pytest.raises(OutputError, match=f"two outputs are called /{name}/detections; rename the camera"):
-        write(tmp_path / "out.mcap", [frame()], rig=rig)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("stamp_ns", [-1, 2**31 * 10**9])
-def test_a_stamp_that_ros_cannot_hold_is_one_clear_line(tmp_path: Path, stamp_ns: int) -> None:
     message = image_message("/left/image", START_NS, frame_id="left")._replace(stamp_ns=stamp_ns)
-    with pytest.raises(OutputError, match=f"frame 0: a stamp does not fit a ROS 2 header, {stamp_ns} ns lies"):
-        write(tmp_path / "out.mcap", [with_messages(frame(), **{"/left/image": message})])
+    with pytest.raises(OutputError, match=error):
+        write(tmp_path / "out.mcap", [with_messages(frame(), **{"/left/image": message})], rig=rig)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -300,10 +286,8 @@ def test_copied_messages_keep_bytes_definition_and_time(tmp_path: Path) -> None:
     found = logged(tmp_path / "out.mcap")
     written = {(c.topic, m.log_time): (m.data, s.name, s.encoding, s.data) for s, c, m in found}
     for one in recorded:
-        data, name, encoding, text = written[one.topic, one.log_time_ns]
-        channel = one.channel
-        assert (data, name, encoding) == (one.data, channel.msgtype, channel.definition_format)
-        assert text.decode() == channel.definition
+        definition = one.channel.msgtype, one.channel.definition_format, one.channel.definition.encode()
+        assert written[one.topic, one.log_time_ns] == (one.data, *definition)
     order = [channel.topic for _, channel, _ in found]
     assert order[:3] == ["/truth", "/idl", "/tf_static"]
     assert order[-1] == "/truth"
@@ -326,8 +310,7 @@ def test_truth_is_drawn_beside_its_messages(tmp_path: Path) -> None:
 
 
 def test_frames_of_the_truth_are_joined_with_the_site(tmp_path: Path) -> None:
-    frames = [Transform.from_quaternion(RIG.site_frame, "map", [1, 2, 3], [0, 0, 0, 1])]
-    path = tmp_path / "out.mcap"
+    path, frames = tmp_path / "out.mcap", [Transform.from_quaternion("site", "map", [1, 2, 3], [0, 0, 0, 1])]
     with McapResultWriter(OutputFile(path, path), RIG, CONFIG, PROVENANCE, frames=frames) as writer:
         writer.write(frame(0))
     ((_, message),) = messages_of(path, "/tf_static")

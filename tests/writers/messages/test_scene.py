@@ -1,19 +1,12 @@
-from typing import Any
-
 import numpy as np
 import pytest
-from frames import CONFIG, START_NS, frame
+from frames import CONFIG, START_NS, frame, through_cdr
 
 from lidcam.pipeline.core.detections import Source
-from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.pipeline.core.true_boxes import TrueBoxes
 from lidcam.writers.messages.scene import placed_scene, truth_scene
 
 CAMERA, LIDAR = Source.CAMERA, Source.LIDAR
-
-
-def through_cdr(message: Any) -> Any:
-    return ROS2.deserialize(ROS2.serialize(message), message.__msgtype__)
 
 
 @pytest.mark.parametrize("labels", [(), ("car",), ("car", "van")])
@@ -23,9 +16,8 @@ def test_the_edges_of_every_true_object_with_its_class(labels: tuple[str, ...]) 
     truth = TrueBoxes("/truth", START_NS, START_NS, "odom", centers, sizes, np.full(n, np.pi / 2), labels)
     read = through_cdr(truth_scene(truth))
     assert [one.type for one in read.deletions] == [1]
-    assert [[(pair.key, pair.value) for pair in one.metadata] for one in read.entities] == [
-        [("class", x)] for x in labels
-    ]
+    told = [(pair.key, pair.value) for one in read.entities for pair in one.metadata]
+    assert told == [("class", label) for label in labels]
     for row, entity in enumerate(read.entities):
         assert (entity.frame_id, entity.timestamp.nanosec) == ("odom", START_NS % 10**9)
         (lines,) = entity.lines
@@ -47,9 +39,8 @@ def test_each_box_has_its_edges_an_ellipse_and_a_label(count: int) -> None:
     for row, entity in enumerate(entities):
         edges, ellipse = entity.lines
         assert (edges.type, ellipse.type) == (edges.LINE_LIST, edges.LINE_LOOP)
-        np.testing.assert_allclose(
-            np.mean([(point.x, point.y) for point in ellipse.points], axis=0), boxes.centers[row, :2], atol=1e-9
-        )
+        middle = np.mean([(point.x, point.y) for point in ellipse.points], axis=0)
+        np.testing.assert_allclose(middle, boxes.centers[row, :2], atol=1e-9)
         (text,) = entity.texts
         assert text.text == ["car 0.90", "pedestrian 0.50"][row]
         assert text.pose.position.z > boxes.centers[row, 2] + boxes.sizes[row, 2] / 2

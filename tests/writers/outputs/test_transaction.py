@@ -59,31 +59,28 @@ def test_a_failure_leaves_the_older_files_and_nothing_else(tmp_path: Path, error
     ("name", "expected"),
     [
         ("file/no/out.mcap", "cannot be written: Not a directory"),
-        ("", "found a folder"),
+        (".", "found a folder"),
         ("pipe", "expected the name of a file to write, found a device or a pipe"),
         ("link", "found a link; name what it points to"),
         ("x" * 250, "cannot be written: File name too long"),
         ("a\0b", "expected the name of a file to write"),
         ("/proc/out.mcap", "cannot be written"),
+        ("https://host/out.mcap", "expected the name of a file to write on this machine, found a URL"),
     ],
-    ids=["in a file", "folder", "fifo", "link", "too long", "null", "/proc"],
+    ids=["in a file", "folder", "fifo", "link", "too long", "null", "/proc", "URL"],
 )
-def test_an_unusable_name_is_one_clear_line(tmp_path: Path, name: str, expected: str) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "file").touch()
-    (tmp_path / "link").symlink_to("nowhere/file")
-    path, before = tmp_path / name, names_in(tmp_path)
-    with pytest.raises(OutputError, match=expected) as caught, OutputTransaction([tmp_path / "other.rrd", path]):
+def test_an_unusable_name_is_one_clear_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, expected: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe")
+    Path("file").touch()
+    Path("link").symlink_to("nowhere/file")
+    before = names_in(tmp_path)
+    with pytest.raises(OutputError, match=expected) as caught, OutputTransaction([tmp_path / "other.rrd", Path(name)]):
         pytest.fail("the block must not run")
     assert "\n" not in str(caught.value)
     assert names_in(tmp_path) == before
-
-
-def test_a_url_makes_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(OutputError, match="expected the name of a file to write on this machine, found a URL"):
-        write([Path("https://host/out.mcap")])
-    assert names_in(tmp_path) == []
 
 
 def test_missing_folders_are_made_and_a_failure_leaves_none(tmp_path: Path) -> None:
@@ -162,15 +159,19 @@ def test_permissions_are_those_of_the_umask_or_of_the_old_file(tmp_path: Path) -
     assert [(tmp_path / name).stat().st_mode & 0o777 for name in ("new", "old")] == [0o640, 0o606]
 
 
+def write_folder(bag: Path, text: str, *beside: Path) -> None:
+    with OutputTransaction([bag, *beside], folders=[bag]) as outputs:
+        outputs[bag].part.mkdir()
+        (outputs[bag].part / "bag.db3").write_text(text)
+        for path in beside:
+            outputs[path].part.write_text(text)
+        assert not bag.exists() or (bag / "bag.db3").read_text() != text
+
+
 def test_a_folder_is_exchanged_as_a_whole(tmp_path: Path) -> None:
     bag, beside = tmp_path / "bag", tmp_path / "bag.rig.yaml"
     for text in ("first", "second"):
-        with OutputTransaction([bag, beside], folders=[bag]) as outputs:
-            outputs[bag].part.mkdir()
-            (outputs[bag].part / "bag.db3").write_text(text)
-            outputs[beside].part.write_text(text)
-            if text == "second":
-                assert (bag / "bag.db3").read_text() == "first"
+        write_folder(bag, text, beside)
         assert texts([bag / "bag.db3", beside]) == [text] * 2
         assert names_in(tmp_path) == ["bag", "bag.rig.yaml"]
     with pytest.raises(OutputError, match="expected the name of a folder to write, found a file"):
@@ -198,12 +199,6 @@ def test_a_refused_rename_is_one_line(tmp_path: Path, monkeypatch: pytest.Monkey
         write(paths, "whole")
     assert texts(paths) == ["older"] * (refused + 1) + ["whole"] * (2 - refused)
     assert names_in(tmp_path) == sorted(path.name for path in paths)
-
-
-def write_folder(bag: Path, text: str) -> None:
-    with OutputTransaction([bag], folders=[bag]) as outputs:
-        outputs[bag].part.mkdir()
-        (outputs[bag].part / "bag.db3").write_text(text)
 
 
 @pytest.mark.parametrize("name", ["bag", "lock", "old"])
@@ -246,9 +241,9 @@ sys.exit(done)
 """
 
 
-def killed(step: int, folder: Path, program: str = KILLED) -> int:
+def killed(step: int, folder: Path) -> int:
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    return subprocess.run([sys.executable, "-c", program, str(step), str(folder)], env=environment).returncode
+    return subprocess.run([sys.executable, "-c", KILLED, str(step), str(folder)], env=environment).returncode
 
 
 def test_a_run_killed_at_any_step_leaves_whole_files_and_the_next_one_cleans_up(tmp_path: Path) -> None:

@@ -15,8 +15,7 @@ from frames import CONFIG, PROVENANCE, RIG, frame
 import lidcam.writers.rerun.stream
 import lidcam.writers.rerun.writer
 from lidcam.pipeline.core.errors import OutputError
-from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.optics.images import Image
+from lidcam.readers.messages.image import decode_any_image
 from lidcam.writers.outputs.transaction import OutputTransaction
 from lidcam.writers.rerun.stream import RerunStream
 from lidcam.writers.rerun.writer import RerunResultWriter
@@ -39,10 +38,6 @@ class Disk(FileIO):
 
 def recording() -> rr.RecordingStream:
     return rr.RecordingStream("test", recording_id="a", send_properties=False)
-
-
-def grey(message: RawMessage) -> Image:
-    return Image(message.stamp_ns, "left", np.full((48, 64, 3), 128, np.uint8))
 
 
 def log(stream: rr.RecordingStream, rows: int) -> None:
@@ -97,7 +92,7 @@ def test_a_writer_that_fails_at_its_end_leaves_no_thread(tmp_path: Path, monkeyp
     with (
         pytest.raises(ZeroDivisionError),
         OutputTransaction([path]) as outputs,
-        RerunResultWriter(outputs[path], RIG, CONFIG, PROVENANCE, decode_any_image=grey) as writer,
+        RerunResultWriter(outputs[path], RIG, CONFIG, PROVENANCE, decode_any_image=decode_any_image) as writer,
     ):
         writer.write(frame(0))
     assert not any(thread.name == "lidcam-rerun" for thread in threading.enumerate())

@@ -10,14 +10,7 @@ import rerun as rr
 from lidcam.writers.rerun.viewer import RerunViewer
 
 
-@pytest.fixture
-def recording() -> rr.RecordingStream:
-    return rr.RecordingStream("test")
-
-
-def test_a_run_goes_on_without_its_viewer(
-    recording: rr.RecordingStream, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_run_goes_on_without_its_viewer(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
     started: list[tuple[list[str], dict[str, str]]] = []
     popen = subprocess.Popen
 
@@ -30,6 +23,7 @@ def test_a_run_goes_on_without_its_viewer(
     monkeypatch.setattr(subprocess, "Popen", stand_in)
     monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda _: None)
     monkeypatch.setenv("DISPLAY", ":0")
+    recording = rr.RecordingStream("test")
     shown = RerunViewer(recording)
     for _ in range(2):
         shown.check()

@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,9 +18,9 @@ from lidcam.pipeline.core.messages import Drop, RawMessage, VideoPart
 from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.true_boxes import TrueBoxes
-from lidcam.writers.base import ResultWriter
+from lidcam.readers.messages.image import decode_any_image
 from lidcam.writers.drawing import DrawnBoxes2D
-from lidcam.writers.outputs.transaction import OutputTransaction
+from lidcam.writers.outputs.transaction import OutputFile
 from lidcam.writers.palette import MATCHED
 from lidcam.writers.provenance import Provenance
 from lidcam.writers.rerun.archetypes import MAX_POINTS, cloud_points, labels_2d
@@ -27,10 +28,6 @@ from lidcam.writers.rerun.writer import RerunResultWriter
 from lidcam.writers.viewpoint import SURVEYED_FRAMES
 
 RERUN = Path(sys.executable).with_name("rerun")
-
-
-def grey(message: RawMessage) -> Image:
-    return Image(message.stamp_ns, "left", np.full((48, 64, 3), 128, np.uint8))
 
 
 def unreadable(message: RawMessage) -> Image:
@@ -43,14 +40,11 @@ def write(
     *,
     config: Config = CONFIG,
     provenance: Provenance = PROVENANCE,
-    decode_any_image: Callable[[RawMessage], Image] = grey,
+    decode: Callable[[RawMessage], Image] = decode_any_image,
 ) -> list[tuple[Drop, ...]]:
-    with OutputTransaction([path]) as outputs:
-        writer: ResultWriter = RerunResultWriter(
-            outputs[path], RIG, config, provenance, decode_any_image=decode_any_image
-        )
-        with writer:
-            return [writer.write(result) for result in frames]
+    output = OutputFile(path, path)
+    with RerunResultWriter(output, RIG, config, provenance, decode_any_image=decode) as writer:
+        return [writer.write(result) for result in frames]
 
 
 def rerun(home: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -65,6 +59,12 @@ def printed(home: Path, detail: str = "-v") -> str:
     return rerun(home, "rrd", "print", detail, home / "out.rrd").stdout
 
 
+def not_told(home: Path, *texts: str) -> list[str]:
+    """Those of some texts that `out.rrd` in a folder does not hold."""
+    found = printed(home, "-vvv")
+    return [text for text in texts if text not in found]
+
+
 def entities(text: str) -> set[str]:
     found = set(re.findall(r"(/(?:world|metrics)[\w/.]*)", text))
     return {path for path in found if "/visualizers" not in path}  # of the blueprint
@@ -77,17 +77,12 @@ def test_rerun_reads_it(tmp_path: Path) -> None:
     checked = rerun(tmp_path, "rrd", "verify", path)
     assert checked.returncode == 0, checked.stderr
     text = printed(tmp_path)
-    cameras = {
-        f"/world/cameras/{name}{leaf}"
-        for name in ("left", "right")
-        for leaf in ("", "/image", "/boxes", "/labels", "/objects")
-    }
-    others = {"/world", "/world/cloud", "/world/ground", "/world/objects", "/world/headings", "/world/faint"}
-    others |= {"/world/placed", "/world/uncertainty"}
-    others |= {"/world/labels", "/world/labels/lines", "/world/numbers", "/world/zones", "/world/zones/counts"}
-    lidars = {"/world/lidars/lidar1", "/world/lidars/lidar2"}
-    metrics = {"/metrics/objects", "/metrics/confirmed", "/metrics/skew_ms"}
-    assert entities(text) == cameras | others | lidars | metrics
+    leaves = ("", "/image", "/boxes", "/labels", "/objects")
+    expected = {f"/world/cameras/{name}{leaf}" for name in ("left", "right") for leaf in leaves}
+    world = "cloud ground objects headings faint placed uncertainty labels labels/lines numbers zones zones/counts"
+    expected |= {"/world", *(f"/world/{name}" for name in world.split())}
+    expected |= {"/world/lidars/lidar1", "/world/lidars/lidar2"}
+    assert entities(text) == expected | {"/metrics/objects", "/metrics/confirmed", "/metrics/skew_ms"}
     assert "log_time" not in text
     assert "log_tick" not in text
 
@@ -95,39 +90,31 @@ def test_rerun_reads_it(tmp_path: Path) -> None:
 def test_what_the_cameras_place_is_there_until_no_camera_looks(tmp_path: Path) -> None:
     sources = [Source.BOTH, Source.CAMERA, Source.LIDAR]
     write(tmp_path / "out.rrd", [frame(0, sources=sources), frame(1), frame(2)])
-    text = printed(tmp_path, "-vvv")
-    assert "/world/detections/cameras/uncertainty" in entities(text)
-    for told in ("both", "camera", "pedestrian 0.50 (1 cam, no lidar)", "lidcam.Objects:source"):
-        assert told in text
+    assert "/world/detections/cameras/uncertainty" in entities(printed(tmp_path))
+    assert not not_told(tmp_path, "both", "camera", "pedestrian 0.50 (1 cam, no lidar)", "lidcam.Objects:source")
     assert cleared(tmp_path) == {"/world/detections/cameras": 1}
 
 
 def test_tracks_have_trails_and_those_that_are_predicted_a_path_of_their_own(tmp_path: Path) -> None:
     sources, tracks = [Source.BOTH, Source.PREDICTED, Source.PREDICTED], tracks_of([12, 7, 3], (0.0, 2.0))
     write(tmp_path / "out.rrd", [frame(index, sources=sources, tracks=tracks) for index in range(2)])
-    text = printed(tmp_path, "-vvv")
-    assert {"/world/uncertainty", "/world/trails", "/world/tracks/12", "/world/tracks/7"} <= entities(text)
-    for told in ("car #12, 2.0 m/s", "pedestrian #7, 2.0 m/s (predicted)", "2.0 m/s, 7 km/h", "Scalars:scalars"):
-        assert told in text
+    paths = {"/world/uncertainty", "/world/trails", "/world/tracks/12", "/world/tracks/7"}
+    assert paths <= entities(printed(tmp_path))
+    texts = "car #12, 2.0 m/s", "pedestrian #7, 2.0 m/s (predicted)", "2.0 m/s, 7 km/h", "Scalars:scalars"
+    assert not not_told(tmp_path, *texts)
     assert rows_of(tmp_path, "/world/trails") == 1  # there is none in the first frame
 
 
 def test_a_track_that_ends_is_cleared_and_counts_in_the_properties(tmp_path: Path) -> None:
     write(tmp_path / "out.rrd", [frame(0, tracks=tracks_of([12, 7, 3], (0.0, 2.0))), frame(1, objects=0)])
     assert cleared(tmp_path) == {f"/world/tracks/{number}": 1 for number in (3, 7, 12)}
-    text = printed(tmp_path, "-vvv")
-    for told in ("1 car, 1 pedestrian, 1 ", "fastest_m_s", "road_users"):
-        assert told in text
+    assert not not_told(tmp_path, "1 car, 1 pedestrian, 1 ", "fastest_m_s", "road_users")
 
 
 def test_recorded_video_is_logged_as_it_came(tmp_path: Path) -> None:
-    one, other, last = (frame(row) for row in range(3))
     parts = VideoPart("h264", (b"first", b"second")), VideoPart("h264", (b"third",)), VideoPart("mjpeg", (b"none",))
-    frames = [
-        replace(result, bundle=replace(result.bundle, video={"/left/image": part}))
-        for result, part in zip((one, other, last), parts, strict=True)
-    ]
-    write(tmp_path / "out.rrd", frames)
+    bundles = [replace(frame(row).bundle, video={"/left/image": part}) for row, part in enumerate(parts)]
+    write(tmp_path / "out.rrd", [replace(frame(row), bundle=bundle) for row, bundle in enumerate(bundles)])
     text = printed(tmp_path)
     found = re.findall(r"with (\d+) rows .* - /world/cameras/left/image - data columns: (.*)", text)
     assert sum(int(rows) for rows, columns in found if "VideoStream:sample" in columns) == 3
@@ -167,68 +154,50 @@ def test_equal_results_give_equal_data(tmp_path: Path, monkeypatch: pytest.Monke
     assert different.returncode != 0
 
 
-def test_warnings_and_drops_are_text(tmp_path: Path) -> None:
+def test_warnings_drops_and_counts_of_zones_are_text(tmp_path: Path) -> None:
     summary = '{"warnings": [{"subject": "left", "finding": "no boxes", "remedy": "look there"}]}'
     provenance = replace(PROVENANCE, summary=lambda: summary)
     drop = Drop("/right/image", 1, "cannot be decoded", "12 bytes")
-    write(tmp_path / "out.rrd", [frame(0), frame(1, drops=(drop,))], provenance=provenance)
-    text = printed(tmp_path, "-vvv")
-    assert "left: no boxes; look there" in text
-    assert "/right/image: cannot be decoded: 12 bytes" in text
+    write(tmp_path / "out.rrd", [frame(0), frame(1, objects=0, drops=(drop,))], provenance=provenance)
+    assert not not_told(tmp_path, "left: no boxes; look there", "/right/image: cannot be decoded: 12 bytes")
+    assert not not_told(tmp_path, "intersection: 2", "circle: 0", "intersection: 0")
 
 
-def test_zones_have_their_counts(tmp_path: Path) -> None:
-    write(tmp_path / "out.rrd", [frame(0), frame(1, objects=0)])
-    text = printed(tmp_path, "-vvv")
-    for told in ("intersection: 2", "circle: 0", "intersection: 0"):
-        assert told in text
+def listed(batch: Any) -> Any:
+    """The components of an archetype as an array."""
+    return np.array(batch.as_arrow_array().to_pylist())
 
 
 def test_large_clouds_are_thinned_evenly() -> None:
-    n = 2 * MAX_POINTS
-    xyz = np.random.default_rng(0).normal(0, 10, (n, 3)).astype(np.float32)
-    shown = cloud_points(replace(frame().combined, cloud=point_cloud(xyz)), (0.0, 1.0)).positions
-    assert shown is not None
-    places = np.array(shown.as_arrow_array().to_pylist(), np.float32)
+    xyz = np.random.default_rng(0).normal(0, 10, (2 * MAX_POINTS, 3)).astype(np.float32)
+    places = listed(cloud_points(replace(frame().combined, cloud=point_cloud(xyz)), (0.0, 1.0)).positions)
     assert 0.95 * MAX_POINTS < len(places) <= MAX_POINTS
     np.testing.assert_array_equal(places[[0, -1]], xyz[[0, -1]])
 
 
 def test_frames_without_anything_to_show(tmp_path: Path) -> None:
     result = frame(objects=0)
+    detections, hypotheses = replace(result.detections, cameras={}), replace(result.hypotheses, matches={})
     lidars = {topic: m for topic, m in result.bundle.messages.items() if "lidar" in topic}
-    empty = replace(
-        result,
-        combined=combined(),
-        detections=replace(result.detections, cameras={}),
-        hypotheses=replace(result.hypotheses, matches={}),
-        bundle=replace(result.bundle, messages=lidars),
-    )
-    write(tmp_path / "out.rrd", [empty])
+    empty = replace(result, combined=combined(), detections=detections, hypotheses=hypotheses)
+    write(tmp_path / "out.rrd", [replace(empty, bundle=replace(empty.bundle, messages=lidars))])
     assert rerun(tmp_path, "rrd", "verify", tmp_path / "out.rrd").returncode == 0
 
 
 def without_left(result: FrameResult, why: Missing) -> FrameResult:
     """The frame without the left camera's image and boxes."""
-    bundle, detections = result.bundle, result.detections
-    kept = {topic: m for topic, m in bundle.messages.items() if topic != "/left/image"}
-    cameras = {name: boxes for name, boxes in detections.cameras.items() if name != "left"}
-    return replace(
-        result,
-        bundle=replace(bundle, messages=kept, missing={"/left/image": why}),
-        detections=replace(detections, cameras=cameras),
-    )
+    kept = {topic: m for topic, m in result.bundle.messages.items() if topic != "/left/image"}
+    cameras = {name: boxes for name, boxes in result.detections.cameras.items() if name != "left"}
+    bundle = replace(result.bundle, messages=kept, missing={"/left/image": why})
+    return replace(result, bundle=bundle, detections=replace(result.detections, cameras=cameras))
 
 
-def test_an_unreadable_image_is_reported(tmp_path: Path) -> None:
-    ((drop,),) = write(tmp_path / "out.rrd", [frame()], decode_any_image=unreadable)
-    assert drop == Drop("/left/image", START_NS + 1_000_001, "the image cannot be shown", "/left/image: no image")
-
-
-def test_images_and_clouds_can_be_left_out(tmp_path: Path) -> None:
-    config = Config.model_validate({"output": {"images": False, "clouds": False}})
-    assert write(tmp_path / "out.rrd", [frame()], config=config, decode_any_image=unreadable) == [()]
-    assert "/world/cloud" not in entities(printed(tmp_path))
+@pytest.mark.parametrize("is_whole", [True, False])
+def test_an_unreadable_image_is_reported_unless_it_is_left_out(tmp_path: Path, is_whole: bool) -> None:
+    config = Config.model_validate({"output": {"images": is_whole, "clouds": is_whole}})
+    drop = Drop("/left/image", START_NS + 1_000_001, "the image cannot be shown", "/left/image: no image")
+    assert write(tmp_path / "out.rrd", [frame()], config=config, decode=unreadable) == [(drop,) * is_whole]
+    assert ("/world/cloud" in entities(printed(tmp_path))) == is_whole
 
 
 def cleared(tmp_path: Path) -> dict[str, int]:
@@ -277,9 +246,7 @@ def test_that_nothing_is_drawn_is_logged_once(tmp_path: Path) -> None:
 def test_heights_have_colours_from_low_to_high() -> None:
     xyz = np.zeros((6, 3), np.float32)
     xyz[:, 2] = [-5.0, 0.0, 0.25, 0.5, 1.0, 9.0]
-    shown = cloud_points(replace(frame().combined, cloud=point_cloud(xyz)), (0.0, 1.0))
-    assert shown.colors is not None
-    packed = np.array(shown.colors.as_arrow_array().to_pylist())
+    packed = listed(cloud_points(replace(frame().combined, cloud=point_cloud(xyz)), (0.0, 1.0)).colors)
     rgb = np.stack([packed >> 24 & 255, packed >> 16 & 255, packed >> 8 & 255], -1)
     np.testing.assert_array_equal(rgb[[0, 1]], [[62, 84, 128]] * 2)
     np.testing.assert_array_equal(rgb[[4, 5]], [[245, 240, 225]] * 2)
@@ -293,10 +260,8 @@ def test_labels_never_cover_each_other_nor_leave_the_image() -> None:
     xyxy = np.array([[0, 0, 30, 60], [5, 5, 36, 61], [300, 200, 420, 479], [300, 300, 310, 303]], np.float32)
     drawn = DrawnBoxes2D(xyxy, [MATCHED] * 4, ["truck 0.90", "car 0.80", "bus 0.70", "car 0.60"])
     labels = labels_2d(drawn, camera, 350.0)
-    assert labels.labels is not None
-    assert labels.labels.as_arrow_array().to_pylist() == ["bus 0.70", "truck 0.90"]
-    assert labels.positions is not None
-    places = np.array(labels.positions.as_arrow_array().to_pylist())
+    assert listed(labels.labels).tolist() == ["bus 0.70", "truck 0.90"]
+    places = listed(labels.positions)
     assert ((places > 0) & (places < [640, 480 - 20])).all()
 
 

@@ -20,6 +20,7 @@ from lidcam.writers.report.site_map import map_extent
 
 HOSTILE = "<script>alert(1)</script>"
 WARNING = RunWarning("cam0", "silent throughout", "check its driver")
+LEFT_OUT = "not used", "cam1 is left out", ""
 NAMES = CONFIG.class_names
 
 
@@ -43,11 +44,7 @@ ONE = tracked((1.0, 2.0), numbers=[4])
     ("summary", "warnings", "said"),
     [
         ({}, [], []),
-        (
-            {"incomplete": ["cam1 is left out"]},
-            [WARNING],
-            [("cam0", "silent throughout", "check its driver"), ("not used", "cam1 is left out", "")],
-        ),
+        ({"incomplete": [LEFT_OUT[1]]}, [WARNING], [("cam0", "silent throughout", "check its driver"), LEFT_OUT]),
     ],
 )
 def test_doubts_are_said_with_what_to_do(
@@ -79,13 +76,9 @@ def test_road_users_count_once() -> None:
     seen = seen_of(ONE, brief, tracked((1.0, 2.0), (50.0, 50.0), numbers=[4, 9]))
     assert sections.lead(seen, NAMES) == "3 road users in 0.2 s: 3 \u00d7 car. 2 moved, 1 seen too briefly to tell."
     table = sections.counts(seen, NAMES)
-    ((name, *numbers, fastest),) = table.rows
-    assert "car" in str(name)
-    assert (list(table.head[1:5]), numbers[:4], fastest) == (
-        ["number", "moved", "stood", "brief"],
-        [3, 2, 0, 1],
-        "15.3 (4.2)",
-    )
+    shown = dict(zip(table.head, *table.rows, strict=True))
+    assert "car" in str(shown[""])
+    assert shown.items() >= {"number": 3, "moved": 2, "stood": 0, "brief": 1, "fastest": "15.3 (4.2)"}.items()
     assert "brief" not in sections.counts(seen_of(ONE, ONE), NAMES).head
 
 
