@@ -39,8 +39,8 @@ class SharedOptions(TypedDict, total=False):
     Attributes:
         config: Settings: a preset (sandbox, crossing, road) or a YAML file. Default: chosen from the recording.
         settings: Settings by key; they override the configuration.
-        rig: Sensors, calibration and zones: a rig file, a preset (original), or a calibration file of KITTI, Kalibr or
-            Autoware. Later files add and replace. Default: as recorded.
+        rig: Sensors, calibration and zones: a rig file, a preset (original), or a calibration file of KITTI, Kalibr,
+            Autoware or ROS. Later files add and replace. Default: as recorded.
         model_2d: 2D network: an ONNX file, or a name that `lidcam fetch` knows; none: without. Default: auto, a fetched
             network if the recording has images without 2D boxes.
         model_3d: 3D network: an ONNX file, traffic (the default for full-size road users) or sandbox.

@@ -12,6 +12,7 @@ from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.errors import CalibrationError, FrameError
 from lidcam.pipeline.core.geometry.transform import Transform, rotation_fault
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor
+from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.readers.messages.camera_info import (
     camera_model,
     distortion_model,
@@ -306,8 +307,9 @@ def camera_intrinsics(camera: AssignedCamera, frames: Frames, first: FirstMessag
         MessageError: no CameraInfo of the camera can be decoded.
     """
     entry, topics, frame = camera.entry, camera.topics, camera_frame(camera, frames, first)
-    if entry.P is not None or entry.K is not None:
+    if {"K", "P", "camera_info"} & entry.given:
         frame = frame or f"{transport_free(topics.topic).strip('/').replace('/', '_')}_optical"
+    if {"K", "P"} & entry.given:
         lens = Lens(_model_of_entry(entry, topics, frame, first), Transform.identity(frame, frame), RIG_FILE)
     else:
         lens = _lens_of_info(entry, topics, frame, first)
@@ -320,10 +322,8 @@ def camera_intrinsics(camera: AssignedCamera, frames: Frames, first: FirstMessag
             f"its images are {size[0]} x {size[1]} px, but the calibration ({lens.source}) is for "
             f"{lens.model.width_px} x {lens.model.height_px} px"
         )
-    said = (
-        f"{topics.info} is for {lens.model.width_px} x {lens.model.height_px} px, its images are {size[0]} x {size[1]}"
-    )
-    remarks = [lens.remark, f"{said}: the calibration is scaled"]
+    said = f"{_source_of_info(entry, topics)} is for {lens.model.width_px} x {lens.model.height_px} px"
+    remarks = [lens.remark, f"{said}, its images are {size[0]} x {size[1]}: the calibration is scaled"]
     return Lens(scaled, lens.T_model_camera, f"{lens.source}, scaled", "; ".join(filter(None, remarks)))
 
 
@@ -394,25 +394,32 @@ def _model_of_entry(entry: CameraEntry, topics: CameraTopics, frame: str, first:
     return CameraModel(frame, width, height, K, model, coefficients)
 
 
+def _source_of_info(entry: CameraEntry, topics: CameraTopics) -> str:
+    return RIG_FILE if entry.camera_info else topics.info
+
+
 def _lens_of_info(entry: CameraEntry, topics: CameraTopics, frame: str, first: FirstMessages) -> Lens:
-    if not topics.info:
+    if entry.camera_info:
+        info = ROS2.camera_info(0, "", width=entry.width_px, height=entry.height_px, **entry.camera_info)  # type: ignore[arg-type]  # by field
+    elif topics.info:
+        info = first.decoded(topics.info, CAMERA_INFO)
+    else:
         raise CalibrationError(
             "the recording has no CameraInfo of it: give its K in a rig file (--rig; inspect --write-rig drafts one)"
         )
-    info = first.decoded(topics.info, CAMERA_INFO)
-    source, remark, other = topics.info, "", None
+    source, remark, other = _source_of_info(entry, topics), "", None
     if is_rectified(topics.image):
         model, T_model_camera = rectified_camera_model(info, frame_id=frame)
     elif reason := rectified_reason(info):
         model, T_model_camera = rectified_camera_model(info, frame_id=frame, is_turned=False)
-        source = f"P of {topics.info}"
+        source = f"P of {source}"
         remark = f"{source} is used, without distortion: {reason}"
     else:
         model, T_model_camera = camera_model(info, frame_id=frame), Transform.identity(frame, frame)
         other = other_camera_model(info, model)
     if (entry.width_px or model.width_px, entry.height_px or model.height_px) != (model.width_px, model.height_px):
         raise CalibrationError(
-            f"the rig file says images of {entry.width_px} x {entry.height_px} px, {topics.info} says "
+            f"the rig file says images of {entry.width_px} x {entry.height_px} px, {source} says "
             f"{model.width_px} x {model.height_px} px"
         )
     words = model.model if model.distortion.any() else "no distortion"

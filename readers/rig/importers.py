@@ -168,6 +168,31 @@ def _kitti_matrix(path: Path, values: Mapping[str, list[float]], names: tuple[st
     return shaped(path, name, values[name], shape)
 
 
+def import_camera_info(tree: Mapping[str, Any], path: Path) -> RigFile | None:
+    """The lens of a file of ROS's camera_calibration (`ost.yaml`), which is a CameraInfo; None for another form.
+
+    The topic of the images says whether they are raw (K and D) or rectified (R and P), as with a recorded CameraInfo.
+    Source: http://wiki.ros.org/camera_calibration_parsers. `narrow_stereo/left` becomes `narrow_stereo_left`.
+
+    Raises:
+        CalibrationError: a value is missing or has the wrong number of numbers.
+    """
+    if not {"image_width", "image_height", "camera_matrix"} <= set(tree):
+        return None
+    data = {key: value.get("data") for key, value in tree.items() if isinstance(value, Mapping)}
+    coefficients = data.get("distortion_coefficients") or []
+    info = {
+        "distortion_model": str(tree.get("distortion_model", "")),
+        "d": flat(shaped(path, "distortion_coefficients", coefficients, (1, np.size(coefficients)))),
+        "k": flat(shaped(path, "camera_matrix", data.get("camera_matrix"), (3, 3))),
+        "r": flat(shaped(path, "rectification_matrix", data.get("rectification_matrix"), (3, 3))),
+        "p": flat(shaped(path, "projection_matrix", data.get("projection_matrix"), (3, 4))),
+    }
+    size = {"width_px": tree["image_width"], "height_px": tree["image_height"]}
+    name = re.sub(r"\W", "_", str(tree.get("camera_name", "camera")).strip("/"), flags=re.ASCII)
+    return parse_rig({"cameras": {name: {**size, "camera_info": info}}}, path)
+
+
 IMU_FRAME = "imu"
 
 DISTORTION_MODELS = {"radtan": "plumb_bob", "equidistant": "equidistant", "none": "plumb_bob"}

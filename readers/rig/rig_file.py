@@ -21,21 +21,22 @@ from lidcam.readers.rig.topic_names import transport_free
 def load_rig(path: str | Path) -> RigFile:
     """A rig file of lidcam, or a calibration file of another system; the content says which.
 
-    Known are the files of KITTI, Kalibr's camchain and Autoware's sensors_calibration and sensor_kit_calibration.
+    Known are the files of KITTI, Kalibr's camchain, Autoware's sensors_calibration and sensor_kit_calibration, and the
+    `ost.yaml` of ROS's camera_calibration.
 
     Raises:
         CalibrationError: the file cannot be read, or its content does not fit; names the file and the key.
         ConfigError: the file is not a YAML mapping.
     """
     # Most runs have no rig file.
-    from lidcam.readers.rig.importers import import_autoware, import_kalibr, import_kitti
+    from lidcam.readers.rig.importers import import_autoware, import_camera_info, import_kalibr, import_kitti
 
     path = Path(path)
     text = read_small_text(path, MAX_YAML_BYTES, "a rig file", CalibrationError)
     if rig := import_kitti(text, path):
         return rig
     tree = yaml_mapping(text, path)
-    for import_tree in (import_kalibr, import_autoware):
+    for import_tree in (import_kalibr, import_autoware, import_camera_info):
         if rig := import_tree(tree, path):
             return rig
     return parse_rig(tree, path)
@@ -132,7 +133,7 @@ def matrix_rows(matrix: F64) -> list[Row]:
 Entry = dict[str, Any]
 
 EXTRINSICS = ("T_site_lidar", "T_camera_site", "T_site_camera", "P", *POSE)
-INTRINSICS = ("K", "P")
+INTRINSICS = ("K", "P", "camera_info")
 LENS = ("distortion_model", "distortion")
 
 

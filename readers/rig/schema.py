@@ -153,9 +153,14 @@ class CameraEntry(_Sensor):
         T_camera_site: Extrinsics, 4 x 4.
         T_site_camera: Its inverse.
         P: Site to pixel, 3 x 4, depth positive in front; replaces K and extrinsics.
+        camera_info: CameraInfo of a file of camera_calibration, by field (see `import_camera_info`); replaces K.
     """
 
-    alternatives = (*Pose.alternatives, (("K",), ("P",)), (("T_camera_site",), ("T_site_camera",), ("P",), POSE))
+    alternatives = (
+        *Pose.alternatives,
+        (("K",), ("P",), ("camera_info",)),
+        (("T_camera_site",), ("T_site_camera",), ("P",), POSE),
+    )
 
     boxes_topic: str = ""
     width_px: int | None = None
@@ -166,6 +171,7 @@ class CameraEntry(_Sensor):
     T_camera_site: Matrix44 | None = None
     T_site_camera: Matrix44 | None = None
     P: Matrix34 | None = None
+    camera_info: dict[str, str | tuple[float, ...]] | None = None
 
     @model_validator(mode="after")
     def _has_lens(self) -> Self:

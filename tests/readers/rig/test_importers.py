@@ -1,4 +1,4 @@
-"""Calibration files of KITTI, Kalibr and Autoware, judged by other libraries or numbers than ours."""
+"""Calibration files of ROS, KITTI, Kalibr and Autoware, judged by other libraries or numbers than ours."""
 
 import json
 from pathlib import Path
@@ -17,7 +17,7 @@ from lidcam.pipeline.core.errors import CalibrationError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.rig.discovery import Discovery, discover_rig
-from lidcam.readers.rig.rig_file import load_rig
+from lidcam.readers.rig.rig_file import load_rig, merge_rigs
 
 F64 = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -230,6 +230,61 @@ def test_the_files_stand_in_place_of_the_recorded_transforms(tmp_path: Path) -> 
 def test_mistakes_in_autowares_files(tmp_path: Path, tree: dict[str, Any], reason: str) -> None:
     with pytest.raises(CalibrationError, match=reason):
         load_rig(written(tmp_path / "kit.yaml", tree))
+
+
+# --- ROS's camera_calibration
+
+TURN = cv2.Rodrigues(np.array([0.02, -0.01, 0.03]))[0]
+OST: dict[str, Any] = {
+    "image_width": 752,
+    "image_height": 480,
+    "camera_name": "narrow_stereo/left",
+    "camera_matrix": {"rows": 3, "cols": 3, "data": [461.6, 0, 362.6, 0, 460.1, 246.0, 0, 0, 1]},
+    "distortion_model": "plumb_bob",
+    "distortion_coefficients": {"rows": 1, "cols": 5, "data": [-0.277, 0.067, 0.0009, 0.0001, 0]},
+    "rectification_matrix": {"rows": 3, "cols": 3, "data": TURN.ravel().tolist()},
+    "projection_matrix": {"rows": 3, "cols": 4, "data": [400, 0, 370, -48, 0, 400, 250, 0, 0, 0, 1, 0]},
+}
+
+
+@pytest.mark.parametrize(
+    ("topic", "size"), [("image_raw", KALIBRS_PX), ("image_rect", KALIBRS_PX), ("image_raw", (376, 240))]
+)
+def test_a_file_of_camera_calibration_has_both_lenses(tmp_path: Path, topic: str, size: tuple[int, int]) -> None:
+    """K and D are those of raw images, R and P those of rectified ones."""
+    pose = {"site_frame": "site", "cameras": {"narrow_stereo_left": {"translation_m": [0, 0, 0], "rpy_deg": [0, 0, 0]}}}
+    paths = written(tmp_path / "ost.yaml", OST), written(tmp_path / "pose.yaml", pose)
+    rig = merge_rigs([(path.name, load_rig(path)) for path in paths])
+    images = image_message(f"/narrow_stereo/left/{topic}", size=size)
+    found = discover_rig(MemoryRecording([cloud(frame="site"), images]), Config(), rig)
+    assert found.faults == ()
+    raw_px = cv2.projectPoints(
+        IN_VIEW,
+        np.zeros(3),
+        np.zeros(3),
+        matrix_of([461.6, 460.1, 362.6, 246.0]),
+        np.array([-0.277, 0.067, 0.0009, 0.0001]),
+    )[0][:, 0]
+    in_p = IN_VIEW @ TURN.T @ np.reshape(OST["projection_matrix"]["data"], (3, 4))[:, :3].T
+    share = size[0] / 752
+    judge = in_p[:, :2] / in_p[:, 2:] if "rect" in topic else share * (raw_px + 0.5) - 0.5
+    np.testing.assert_allclose(pixels_of(found, "narrow_stereo_left", IN_VIEW), judge, atol=0.01)
+    assert found.sources[1].intrinsics.startswith("rig file (")
+    assert any("the calibration is scaled" in note for note in found.notes) == (share != 1)
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"camera_matrix": {"data": [1, 2]}}, "ost.yaml: camera_matrix: expected 3 x 3 numbers, found 2"),
+        ({"projection_matrix": None}, "ost.yaml: projection_matrix: expected 3 x 4 numbers"),
+        ({"image_width": "wide"}, "cameras.narrow_stereo_left.width_px: expected a whole number"),
+        ({"camera_name": "7"}, "cameras.7: expected text of the form"),
+    ],
+)
+def test_mistakes_in_a_file_of_camera_calibration(tmp_path: Path, changed: dict[str, Any], reason: str) -> None:
+    with pytest.raises(CalibrationError, match=reason):
+        load_rig(written(tmp_path / "ost.yaml", OST | changed))
 
 
 # --- KITTI
