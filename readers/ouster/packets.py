@@ -6,7 +6,6 @@ is a message of lidcam's own type, which has that JSON, too: whoever decodes it 
 
 import struct
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
 from rosbags.interfaces import Nodetype
@@ -14,7 +13,7 @@ from rosbags.interfaces import Nodetype
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.ros.messages import ROS2
-from lidcam.readers.messages.deserialize import cursor_of, typestore_for
+from lidcam.readers.messages.deserialize import cursor_of
 
 PACKETS = ("ouster_ros/msg/PacketMsg", "ouster_sensor_msgs/msg/PacketMsg", "ouster_msgs/msg/PacketMsg")
 SWEEP = "lidcam_msgs/msg/OusterSweep"
@@ -48,19 +47,12 @@ def sweep_channel(topic: str) -> Channel:
     return Channel(topic, SWEEP, "cdr", ROS2.definition(SWEEP))
 
 
-@lru_cache(maxsize=256)
-def packet_problem(channel: Channel) -> str:
-    """Why the packets of a channel cannot be used; empty if they can."""
-    try:
-        fields = typestore_for(channel).fielddefs[channel.msgtype][1]
-    except MessageError as err:
-        return str(err).removeprefix(f"{channel.topic}: ")
-    known = [("buf", (Nodetype.SEQUENCE, ((Nodetype.BASE, ("uint8", 0)), 0)))]
-    return "" if fields == known else f"its definition of {channel.msgtype} is not uint8[] buf"
+FIELDS = [("buf", (Nodetype.SEQUENCE, ((Nodetype.BASE, ("uint8", 0)), 0)))]
+"""Fields of a message with a packet, as rosbags has them: `uint8[] buf`."""
 
 
 def packet_data(message: RawMessage, size: int) -> bytes:
-    """The packet of a message; `packet_problem` must be empty.
+    """The packet of a message, which has `FIELDS`.
 
     Raises:
         MessageError: its bytes are not there, end too soon, or are no packet of `size` bytes.
@@ -76,7 +68,9 @@ def packet_data(message: RawMessage, size: int) -> bytes:
     return packet[:size]
 
 
-def sweep_data(stamp_ns: int, begin_ns: int, frame_id: str, metadata: str, packets: Sequence[bytes]) -> bytes:
+def sweep_data(
+    stamp_ns: int, begin_ns: int, frame_id: str, metadata: str, packets: Sequence[bytes | memoryview]
+) -> bytes:
     """A message of `sweep_channel` from packets of one size."""
     header = ROS2.header(stamp_ns, frame_id)
     data = np.frombuffer(b"".join(packets), np.uint8)

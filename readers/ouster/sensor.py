@@ -102,7 +102,7 @@ class OusterSensor:
         numbers = int(self.packets.max_frame_id) + 1
         return 0 < (number - before) % numbers < numbers // 2
 
-    def times_ns(self, packet: bytes, received_ns: int) -> tuple[int, int]:
+    def times_ns(self, packet: bytes | memoryview, received_ns: int) -> tuple[int, int]:
         """The stamp of a packet's turn, and the time of its first column by the sensor's clock, counted back to it.
 
         The stamp is by the sensor's clock if that was set, else by when the packet was received: ouster-ros has a

@@ -3,34 +3,30 @@
 A sweep ends before the first packet of a later turn. A packet of an earlier one came too late, and is counted.
 """
 
+from collections.abc import Sequence
+from contextlib import suppress
+
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.ouster.packets import packet_data, sweep_channel, sweep_data
 from lidcam.readers.ouster.sensor import sensor_of
+from lidcam.readers.streams.sweeps import Sweep
 
 MAX_PACKETS = 4096
 """Packets per sweep: 4096 columns, one in each."""
 
 
-class OusterSweep:
-    """The packets of one topic and turn; see `Sweep` in `readers.streams.sweeps`."""
+class OusterSweep(Sweep):
+    """The packets of one topic and turn; see `Sweep`."""
 
     def __init__(self, topic: str, frame_id: str, metadata: str) -> None:
-        self._channel, self._frame_id, self._metadata = sweep_channel(topic), frame_id, metadata
-        self._sensor = sensor_of(metadata)
-        self._packets: list[bytes] = []
-        self._defects: list[str] = []
+        super().__init__(sweep_channel(topic))
+        self._frame_id, self._metadata, self._sensor = frame_id, metadata, sensor_of(metadata)
         self._received_ns: list[int] = []
         self._number = 0
-        self.end: tuple[int, tuple[int, ...]] = (0, ())
-
-    @property
-    def is_open(self) -> bool:
-        """Whether it has packets."""
-        return bool(self._packets or self._defects)
 
     def add_packet(self, message: RawMessage) -> RawMessage | None:
-        """Add a packet; returns the sweep before it if the packet begins a new one."""
+        """See `Sweep`."""
         done = None
         try:
             packet = packet_data(message, self._sensor.packet_bytes)
@@ -49,23 +45,10 @@ class OusterSweep:
         self.end = message.log_time_ns, message.order
         return done or (self.close() if len(self._packets) + len(self._defects) >= MAX_PACKETS else None)
 
-    def close(self) -> RawMessage | None:
-        """End the sweep and return it; None if it is empty."""
-        if not self.is_open:
-            return None
-        packets, received_ns, defects = self._packets, self._received_ns, tuple(self._defects)
-        self._packets, self._received_ns, self._defects = [], [], []
-        log_time_ns, order = self.end
+    def _message_of(self, packets: Sequence[bytes | memoryview]) -> tuple[int, bytes] | None:
+        received_ns, self._received_ns = self._received_ns, []
         for packet, packet_ns in zip(packets, received_ns, strict=True):
-            try:
+            with suppress(MessageError):  # of a part of the turn that the lidar does not measure, or damaged
                 stamp_ns, begin_ns = self._sensor.times_ns(packet, packet_ns)
-            except MessageError:  # of a part of the turn that the lidar does not measure, or damaged
-                continue
-            data = sweep_data(stamp_ns, begin_ns, self._frame_id, self._metadata, packets)
-            return RawMessage(stamp_ns, log_time_ns, order, data, self._channel, defects=defects)
-        problem = "a turn without a valid column"
-        if defects:
-            problem = f"none of {len(packets) + len(defects)} packets can be used; the first: {defects[0]}"
-        return RawMessage(log_time_ns, log_time_ns, order, b"", self._channel, problem)
-
-    pause = close
+                return stamp_ns, sweep_data(stamp_ns, begin_ns, self._frame_id, self._metadata, packets)
+        return None

@@ -30,7 +30,7 @@ from lidcam.readers.ouster.sensor import missing_sdk
 from lidcam.readers.ouster.sweeps import OusterSweep
 from lidcam.readers.recording import Closing, Loss, Recording, TopicInfo, merge_topics
 from lidcam.readers.streams.sweeps import PAUSE_NS, Sweep, gather_sweeps
-from lidcam.readers.velodyne.scan import PACKET, packet_problem, scan_channel
+from lidcam.readers.velodyne.scan import PACKET, PACKET_FIELDS, scan_channel
 from lidcam.readers.velodyne.sweeps import VelodyneSweep
 from lidcam.readers.video.packets import VIDEO, missing_decoder
 
@@ -142,10 +142,19 @@ def sensor_messages(recording: Recording, *, limits: RecordingLimits = DEFAULT_L
 def _problem(channel: Channel) -> str:
     """Why the messages of a channel cannot be used; empty if they can."""
     if channel.msgtype == PACKET:
-        return packet_problem(channel)
+        return _layout_problem(channel, PACKET_FIELDS, "a stamp and uint8[1206]")
     if ouster.is_lidar_packets(channel):
-        return missing_sdk() or ouster.packet_problem(channel)
+        return missing_sdk() or _layout_problem(channel, ouster.FIELDS, "uint8[] buf")
     return missing_decoder() if ROS_TYPES.get(channel.msgtype, channel.msgtype) in VIDEO else ""
+
+
+def _layout_problem(channel: Channel, known: object, words: str) -> str:
+    """Why packets whose bytes are read in place cannot be used: their definition is another one."""
+    try:
+        fields = typestore_for(channel).fielddefs[channel.msgtype][1]
+    except MessageError as err:
+        return str(err).removeprefix(f"{channel.topic}: ")
+    return "" if fields == known else f"its definition of {channel.msgtype} is not {words}"
 
 
 def gathered_channel(info: TopicInfo) -> Channel | None:

@@ -5,8 +5,8 @@ an open sweep ends before them.
 """
 
 import heapq
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from lidcam.pipeline.core.messages import Channel, RawMessage
 
@@ -14,23 +14,48 @@ PAUSE_NS = 500_000_000
 """Log time without a packet after which a sweep is complete; no sweep takes as long (300 turns a minute: 0.2 s)."""
 
 
-class Sweep(Protocol):
-    """The packets of one topic since the last cut."""
+class Sweep(ABC):
+    """The packets of one topic since the last cut.
 
-    end: tuple[int, tuple[int, ...]]  # Log time and order of the last packet
+    Attributes:
+        end: Log time and order of the last packet.
+    """
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel = channel
+        self._packets: list[bytes | memoryview] = []
+        self._defects: list[str] = []
+        self.end: tuple[int, tuple[int, ...]] = (0, ())
 
     @property
     def is_open(self) -> bool:
         """Whether it has packets."""
+        return bool(self._packets or self._defects)
 
+    @abstractmethod
     def add_packet(self, message: RawMessage) -> RawMessage | None:
         """Add a packet; returns the sweep before it if the packet begins a new one."""
 
+    @abstractmethod
+    def _message_of(self, packets: Sequence[bytes | memoryview]) -> tuple[int, bytes] | None:
+        """Stamp and data of a message with some packets; None if they cannot be used."""
+
     def close(self) -> RawMessage | None:
         """End the sweep and return it; None if it is empty."""
+        if not self.is_open:
+            return None
+        packets, defects, (log_time_ns, order) = self._packets, tuple(self._defects), self.end
+        self._packets, self._defects = [], []
+        if found := self._message_of(packets):
+            return RawMessage(found[0], log_time_ns, order, found[1], self._channel, defects=defects)
+        problem = "a turn without a valid column"
+        if defects:
+            problem = f"none of {len(packets) + len(defects)} packets can be used; the first: {defects[0]}"
+        return RawMessage(log_time_ns, log_time_ns, order, b"", self._channel, problem)
 
     def pause(self) -> RawMessage | None:
         """End the sweep, before a gap in the packets, and return it."""
+        return self.close()
 
 
 def gather_sweeps(

@@ -8,7 +8,6 @@ apart.
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from rosbags.interfaces import Nodetype
@@ -22,6 +21,11 @@ from lidcam.readers.messages.tf import clean_frame
 
 SCAN = "velodyne_msgs/msg/VelodyneScan"
 PACKET = "velodyne_msgs/msg/VelodynePacket"
+PACKET_FIELDS = [
+    ("stamp", (Nodetype.NAME, "builtin_interfaces/msg/Time")),
+    ("data", (Nodetype.ARRAY, ((Nodetype.BASE, ("uint8", 0)), 1206))),
+]
+"""Fields of a VelodynePacket, as rosbags has them."""
 
 RANGES_PER_BLOCK = 32
 
@@ -108,7 +112,7 @@ def packet_message_data(stamp_ns: int, payload: bytes | memoryview) -> bytes:
 
 
 def packet_data(message: RawMessage) -> bytes | memoryview:
-    """Stamp and payload of a VelodynePacket, little endian; `packet_problem` must be empty.
+    """Stamp and payload of a VelodynePacket, which has `PACKET_FIELDS`, little endian.
 
     Raises:
         MessageError: its bytes are not there, or end too soon.
@@ -126,17 +130,3 @@ def scan_data(packets: Sequence[bytes | memoryview]) -> bytes:
     """A VelodyneScan of `scan_channel` from `packet_data`, one or more: the first packet's stamp, and no frame."""
     head = _CDR_LITTLE_ENDIAN + packets[0][:8] + struct.pack("<I4xI", 1, len(packets))  # an empty name ends in a zero
     return head + b"\0\0".join(packets)
-
-
-@lru_cache(maxsize=256)
-def packet_problem(channel: Channel) -> str:
-    """Why the VelodynePackets of a channel cannot be used; empty if they can."""
-    try:
-        fields = typestore_for(channel).fielddefs[PACKET][1]
-    except MessageError as err:
-        return str(err).removeprefix(f"{channel.topic}: ")
-    known = [
-        ("stamp", (Nodetype.NAME, "builtin_interfaces/msg/Time")),
-        ("data", (Nodetype.ARRAY, ((Nodetype.BASE, ("uint8", 0)), PACKET_BYTES))),
-    ]
-    return "" if fields == known else f"its definition of {PACKET} is not a stamp and uint8[{PACKET_BYTES}]"

@@ -6,13 +6,15 @@ gap of the sensor's own clock, of lost packets or beyond a limited field of view
 A sweep also ends where that is unknown or the clock jumps back, after a pause in the recording, and at a number of
 packets that no turn has. A late packet stays in the sweep that it arrived in.
 
-A sweep has the stamp of its first packet, and the log time and order of its last one (see `readers.streams.sweeps`).
+A sweep has the stamp of its first packet.
 """
 
 import struct
+from collections.abc import Sequence
 
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
+from lidcam.readers.streams.sweeps import Sweep
 from lidcam.readers.velodyne.scan import packet_data, scan_channel, scan_data
 
 MIN_HIDDEN_TURN_US = 50_000
@@ -32,31 +34,19 @@ _FIRST_BLOCK_AND_CLOCK = struct.Struct("<8x HH 1196x I")
 """Fields of a stamped packet: flag and azimuth of the first block, and the sensor's microseconds in the hour."""
 
 
-class VelodyneSweep:
-    """The packets of one topic since the last cut.
-
-    Attributes:
-        end: Log time and order of the last packet.
-    """
+class VelodyneSweep(Sweep):
+    """The packets of one topic since the last cut; see `Sweep`."""
 
     def __init__(self, topic: str) -> None:
-        self._channel = scan_channel(topic)
-        self._packets: list[bytes | memoryview] = []
-        self._defects: list[str] = []
+        super().__init__(scan_channel(topic))
         self._azimuth = 0  # of the last packet
         self._turned = 0  # the same, counting full turns
         self._speed = 0.0  # hundredths of a degree per microsecond; 0 if unknown
         self._clock_us: int | None = None
         self._cut_at = 0
-        self.end: tuple[int, tuple[int, ...]] = (0, ())
-
-    @property
-    def is_open(self) -> bool:
-        """Whether it has packets."""
-        return bool(self._packets or self._defects)
 
     def add_packet(self, message: RawMessage) -> RawMessage | None:
-        """Add a packet; returns the sweep before it if the packet begins a new one."""
+        """See `Sweep`."""
         done = None
         try:
             packet = packet_data(message)
@@ -71,18 +61,11 @@ class VelodyneSweep:
         self.end = message.log_time_ns, message.order
         return done
 
-    def close(self) -> RawMessage | None:
-        """End the sweep and return it; None if it is empty."""
-        if not self.is_open:
-            return None
-        packets, defects, (log_time_ns, order) = self._packets, tuple(self._defects), self.end
-        self._packets, self._defects = [], []
+    def _message_of(self, packets: Sequence[bytes | memoryview]) -> tuple[int, bytes] | None:
         if not packets:
-            problem = f"none of {len(defects)} packets can be used; the first: {defects[0]}"
-            return RawMessage(log_time_ns, log_time_ns, order, b"", self._channel, problem)
+            return None
         sec, nanosec = struct.unpack_from("<II", packets[0])
-        data = scan_data(packets)
-        return RawMessage(sec * 10**9 + nanosec, log_time_ns, order, data, self._channel, defects=defects)
+        return sec * 10**9 + nanosec, scan_data(packets)
 
     def pause(self) -> RawMessage | None:
         """End the sweep and return it; the next packet begins a new one at any azimuth."""
