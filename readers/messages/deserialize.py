@@ -9,11 +9,12 @@ import re
 import struct
 import threading
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
@@ -77,6 +78,24 @@ class Cursor:
         self.at += length
         return encoded.rstrip(b"\0").decode()
 
+    def frame_id(self) -> str:
+        """The frame of a std_msgs/Header, which is passed over; raises as `string`."""
+        self.skip(4, 2 if self._is_aligned else 3)  # the stamp, in ROS 1 behind `seq`
+        return self.string()
+
+    def records(self, layout: np.dtype[Any], count: int) -> np.ndarray[Any, Any]:
+        """(count,) the next structs, as they lie in the message.
+
+        Raises:
+            ValueError: the message ends before the last one.
+        """
+        step = layout.itemsize
+        stride = (step + 3) // 4 * 4 if self._is_aligned else step  # in CDR to the next number, but behind the last one
+        needed = self.at + (count - 1) * stride + step if count else self.at
+        if needed > len(self._data):
+            raise ValueError(f"expected {count} in {needed} bytes, found {len(self._data)} bytes: it is cut off")
+        return np.ndarray((count,), layout, np.frombuffer(self._data, np.uint8), self.at, (stride,))
+
     def _align(self, size: int) -> None:
         if self._is_aligned:
             self.at += (_ENCAPSULATION_BYTES - self.at) % size
@@ -93,6 +112,18 @@ def cursor_of(message: RawMessage, *msgtypes: str) -> Cursor:
     if message.channel.msgtype not in msgtypes:
         raise MessageError(f"{message.topic}: expected {' or '.join(msgtypes)}, found {message.channel.msgtype}")
     return Cursor(message.data, message.channel.encoding)
+
+
+@contextmanager
+def damage_told(message: RawMessage) -> Iterator[None]:
+    """Turn what a cursor raises where a message ends too soon, or its text is none, into a `MessageError`."""
+    try:
+        yield
+    except (struct.error, ValueError) as err:
+        raise MessageError(
+            f"{message.topic}: {len(message.data)} bytes of a {message.channel.msgtype} that is cut off or damaged "
+            f"({err})"
+        ) from err
 
 
 MAX_FIELDS = 5000

@@ -20,7 +20,7 @@ from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.decoding import decoder
-from lidcam.readers.messages.deserialize import Cursor, cursor_of, typestore_for
+from lidcam.readers.messages.deserialize import Cursor, cursor_of, damage_told, typestore_for
 from lidcam.readers.messages.pointcloud2 import MAX_OFFSET_NS, check_points, cloud_of_columns, cloud_of_fields
 from lidcam.readers.messages.tf import clean_frame
 
@@ -50,9 +50,8 @@ def read_pointcloud(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LI
     """
     channel, data, cursor = message.channel, message.data, cursor_of(message, POINT_CLOUD)
     typestore_for(channel)  # the definition is the usual one
-    try:
-        cursor.skip(4, 3 if channel.encoding == "ros1" else 2)  # the header's stamp, in ROS 1 behind its seq
-        frame_id, count = cursor.string(), cursor.uint32()
+    with damage_told(message):
+        frame_id, count = cursor.frame_id(), cursor.uint32()
         check_points(count, channel.topic, limits, others)
         xyz = _numbers(data, cursor, 3 * count).reshape(-1, 3)
         columns: dict[str, Array] = dict(zip("xyz", xyz.T, strict=True))
@@ -61,8 +60,6 @@ def read_pointcloud(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LI
             values = _numbers(data, cursor, cursor.uint32())
             if len(values) == count:
                 columns.setdefault(name, values)
-    except (struct.error, UnicodeDecodeError, ValueError) as err:
-        raise MessageError(f"{channel.topic}: {len(data)} bytes of a {POINT_CLOUD} that is cut off or damaged") from err
     return ROS2.cloud(message.stamp_ns, frame_id, columns)
 
 
@@ -96,25 +93,15 @@ def parse_livox(message: RawMessage) -> LivoxPoints:
     Raises:
         MessageError: not a CustomMsg, its definition is another one than Livox's, or its bytes end too soon.
     """
-    channel, data, cursor = message.channel, message.data, cursor_of(message, *sorted(CUSTOM))
-    is_ros1 = channel.encoding == "ros1"
-    layout = _point(channel, cursor.order)
-    try:
-        cursor.skip(4, 3 if is_ros1 else 2)  # the header's stamp, in ROS 1 behind its seq
-        frame_id = cursor.string()
+    cursor = cursor_of(message, *sorted(CUSTOM))
+    layout = _point(message.channel, cursor.order)
+    with damage_told(message):
+        frame_id = cursor.frame_id()
         cursor.skip(8)
-        timebase_ns = struct.unpack_from(f"{cursor.order}Q", data, cursor.at - 8)[0]
+        (timebase_ns,) = struct.unpack_from(f"{cursor.order}Q", message.data, cursor.at - 8)
         cursor.skip(4)  # the number of points, which the length of their list repeats
         cursor.skip(1, 4)
-        count = cursor.uint32()
-    except (struct.error, UnicodeDecodeError) as err:
-        raise MessageError(f"{channel.topic}: the head of {len(data)} bytes is cut off or damaged") from err
-    stride = layout.itemsize if is_ros1 else (layout.itemsize + 3) // 4 * 4  # the last one is not filled up
-    needed = cursor.at + (count - 1) * stride + layout.itemsize if count else cursor.at
-    if needed > len(data):
-        raise MessageError(f"{channel.topic}: expected {count} points in {needed} bytes, found {len(data)} bytes")
-    points = np.ndarray((count,), layout, np.frombuffer(data, np.uint8), cursor.at, (stride,))
-    return LivoxPoints(clean_frame(frame_id), int(timebase_ns), points)
+        return LivoxPoints(clean_frame(frame_id), int(timebase_ns), cursor.records(layout, cursor.uint32()))
 
 
 @decoder

@@ -13,7 +13,7 @@ from rosbags.interfaces import Nodetype
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.ros.messages import ROS2
-from lidcam.readers.messages.deserialize import cursor_of
+from lidcam.readers.messages.deserialize import cursor_of, damage_told
 
 PACKETS = ("ouster_ros/msg/PacketMsg", "ouster_sensor_msgs/msg/PacketMsg", "ouster_msgs/msg/PacketMsg")
 SWEEP = "lidcam_msgs/msg/OusterSweep"
@@ -58,10 +58,8 @@ def packet_data(message: RawMessage, size: int) -> bytes:
         MessageError: its bytes are not there, end too soon, or are no packet of `size` bytes.
     """
     cursor = cursor_of(message, *PACKETS)
-    try:
+    with damage_told(message):
         count = cursor.uint32()
-    except struct.error as err:
-        raise MessageError(f"{message.topic}: a packet that is cut off") from err
     packet = bytes(message.data[cursor.at : cursor.at + count])
     if len(packet) != count or count not in {size, size + 1}:  # old ouster-ros adds a byte
         raise MessageError(f"{message.topic}: expected a packet of {size} bytes, found {len(packet)} of {count} bytes")

@@ -16,7 +16,7 @@ from lidcam.pipeline.core.arrays import I64, U8, Array, Bools
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.ros.messages import ROS2
-from lidcam.readers.messages.deserialize import cursor_of, typestore_for
+from lidcam.readers.messages.deserialize import cursor_of, damage_told, typestore_for
 from lidcam.readers.messages.tf import clean_frame
 
 SCAN = "velodyne_msgs/msg/VelodyneScan"
@@ -34,8 +34,7 @@ _BLOCK = np.dtype([("flag", "<u2"), ("azimuth", "<u2"), ("echoes", _ECHO, RANGES
 _PACKET = np.dtype([("blocks", _BLOCK, 12), ("clock_us", "<u4"), ("mode", "u1"), ("product", "u1")])
 PACKET_BYTES = _PACKET.itemsize
 
-_STAMP_BYTES = 8
-_STAMPED_BYTES = _STAMP_BYTES + PACKET_BYTES
+_STAMPED_BYTES = 8 + PACKET_BYTES
 _CDR_LITTLE_ENDIAN = b"\0\1\0\0"
 
 
@@ -69,28 +68,14 @@ def parse_velodyne_scan(message: RawMessage) -> VelodynePackets:
     Raises:
         MessageError: not a VelodyneScan, its recorded definition is not the usual one, or its bytes end too soon.
     """
-    channel, data, cursor = message.channel, message.data, cursor_of(message, SCAN)
-    typestore_for(channel)  # the definition is the usual one
-    is_ros1 = channel.encoding == "ros1"
-    try:
-        cursor.skip(4, 3 if is_ros1 else 2)  # the header's stamp, in ROS 1 behind its seq
-        frame_id, count = cursor.string(), cursor.uint32()
-    except (struct.error, UnicodeDecodeError) as err:
-        raise MessageError(
-            f"{channel.topic}: {len(data)} bytes are not a valid {SCAN}: its header is cut off or damaged"
-        ) from err
-    start, stride = cursor.at, _STAMPED_BYTES if is_ros1 else (_STAMPED_BYTES + 3) // 4 * 4
-    needed = start + (count - 1) * stride + _STAMPED_BYTES if count else start
-    if needed > len(data):
-        raise MessageError(
-            f"{channel.topic}: expected {count} packets in {needed} bytes, found {len(data)} bytes: it is cut off"
-        )
-    if not count:
-        return VelodynePackets(clean_frame(frame_id), np.zeros(0, np.int64), np.zeros((0, PACKET_BYTES), np.uint8))
-    buffer = np.frombuffer(data, np.uint8)
-    stamps = np.ndarray((count, 2), f"{cursor.order}u4", buffer, start, (stride, 4)).astype(np.int64)
-    payload = np.ndarray((count, PACKET_BYTES), np.uint8, buffer, start + _STAMP_BYTES, (stride, 1))
-    return VelodynePackets(clean_frame(frame_id), stamps[:, 0] * 10**9 + stamps[:, 1], payload)
+    cursor = cursor_of(message, SCAN)
+    typestore_for(message.channel)  # the definition is the usual one
+    layout = np.dtype([("stamp", f"{cursor.order}u4", 2), ("payload", "u1", PACKET_BYTES)])
+    with damage_told(message):
+        frame_id = cursor.frame_id()
+        packets = cursor.records(layout, cursor.uint32())
+    stamps = packets["stamp"].astype(np.int64)
+    return VelodynePackets(clean_frame(frame_id), stamps[:, 0] * 10**9 + stamps[:, 1], packets["payload"])
 
 
 # --- single packets, and the scans that runs of them make: neither direction decodes

@@ -57,7 +57,7 @@ def test_a_message_that_cannot_be_decoded_is_one_drop() -> None:
     decoded = decoder(TOPIC)(bundle(message))
     assert dict(decoded) == {}
     assert [(drop.reason, drop.parts) for drop in decoded.drops] == [("cannot be decoded", 0)]
-    with pytest.raises(MessageError, match="header is cut off"):
+    with pytest.raises(MessageError, match="that is cut off"):
         decoder(TOPIC, "fail")(bundle(message))
 
 
