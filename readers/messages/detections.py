@@ -260,7 +260,40 @@ def decode_detections3d(message: RawMessage, *, limits: RecordingLimits = DEFAUL
     Raises:
         MessageError: not a Detection3DArray of a known layout, or more boxes than `limits` allow.
     """
-    return _detections(message.stamp_ns, box_rows(message, DETECTIONS_3D, _box_numbers, 10, limits))
+    rows = box_rows(message, DETECTIONS_3D, _box_numbers, 10, limits)
+    best, counts = best_and_counts(rows)
+    with np.errstate(invalid="ignore", over="ignore"):
+        x, y, z, w = rows.boxes[:, 3:7].T
+        along, across = w * w + x * x - y * y - z * z, 2 * (w * z + x * y)
+        turn = x * x + y * y + z * z + w * w
+        is_turned = np.isfinite(turn) & (turn > 0) & (np.hypot(along, across) > MIN_HEADING * turn)
+        sizes = rows.boxes[:, 7:]
+        is_solid = (np.abs(rows.boxes[:, :3]) <= MAX_M).all(1) & ((sizes > 0) & (sizes <= MAX_M)).all(1)
+        yaws = np.arctan2(across, along)
+    unused = Counter[str]()
+    unused["box without a volume or not finite"] = int((~is_solid).sum())
+    unused["box without a heading"] = int((is_solid & ~is_turned).sum())
+    kept = np.flatnonzero(is_solid & is_turned)
+    has_best = best[kept] >= 0
+    covariances = np.zeros((len(kept), 3, 3))
+    covariances[has_best] = rows.covariances[best[kept][has_best]].reshape(-1, 6, 6)[:, _X_Y_YAW[:, None], _X_Y_YAW]
+    scores = np.zeros(len(kept), np.float32)
+    scores[has_best] = np.clip(rows.scores[best[kept][has_best]], 0, 1)
+    yaws = yaws[kept]
+    yaws[yaws <= -np.pi] = np.pi
+    return Detections3D(
+        message.stamp_ns,
+        clean_frame(rows.frame_id),
+        rows.boxes[kept, :3],
+        sizes[kept],
+        yaws,
+        covariances,
+        scores,
+        np.array([rows.labels[row].strip() if row >= 0 else "" for row in best[kept].tolist()], np.str_),
+        np.array([rows.ids[row] for row in kept.tolist()], np.str_),
+        {name: values[kept] for name, values in counts.items()},
+        {reason: count for reason, count in sorted(unused.items()) if count},
+    )
 
 
 @decoder
@@ -285,39 +318,3 @@ def _box_numbers(bbox: Any) -> list[float]:
     """The numbers of a box in the order of `BoxRows.boxes`."""
     at, turn, size = bbox.center.position, bbox.center.orientation, bbox.size
     return [at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w, size.x, size.y, size.z]
-
-
-def _detections(stamp_ns: int, rows: BoxRows) -> Detections3D:
-    best, counts = best_and_counts(rows)
-    with np.errstate(invalid="ignore", over="ignore"):
-        x, y, z, w = rows.boxes[:, 3:7].T
-        along, across = w * w + x * x - y * y - z * z, 2 * (w * z + x * y)
-        turn = x * x + y * y + z * z + w * w
-        is_turned = np.isfinite(turn) & (turn > 0) & (np.hypot(along, across) > MIN_HEADING * turn)
-        sizes = rows.boxes[:, 7:]
-        is_solid = (np.abs(rows.boxes[:, :3]) <= MAX_M).all(1) & ((sizes > 0) & (sizes <= MAX_M)).all(1)
-        yaws = np.arctan2(across, along)
-    unused = Counter[str]()
-    unused["box without a volume or not finite"] = int((~is_solid).sum())
-    unused["box without a heading"] = int((is_solid & ~is_turned).sum())
-    kept = np.flatnonzero(is_solid & is_turned)
-    has_best = best[kept] >= 0
-    covariances = np.zeros((len(kept), 3, 3))
-    covariances[has_best] = rows.covariances[best[kept][has_best]].reshape(-1, 6, 6)[:, _X_Y_YAW[:, None], _X_Y_YAW]
-    scores = np.zeros(len(kept), np.float32)
-    scores[has_best] = np.clip(rows.scores[best[kept][has_best]], 0, 1)
-    yaws = yaws[kept]
-    yaws[yaws <= -np.pi] = np.pi
-    return Detections3D(
-        stamp_ns,
-        clean_frame(rows.frame_id),
-        rows.boxes[kept, :3],
-        sizes[kept],
-        yaws,
-        covariances,
-        scores,
-        np.array([rows.labels[row].strip() if row >= 0 else "" for row in best[kept].tolist()], np.str_),
-        np.array([rows.ids[row] for row in kept.tolist()], np.str_),
-        {name: values[kept] for name, values in counts.items()},
-        {reason: count for reason, count in sorted(unused.items()) if count},
-    )

@@ -83,7 +83,7 @@ def _point_cloud(fields: Fields, stamp_ns: int) -> Any:
             raise MessageError(f"field {element.get('name', '')!r} has type {kind}, expected 1 to 8")
         datatype = POINT_FIELD_DATATYPES[_NUMERIC_TYPES[kind]]
         elements.append((element.get("name", ""), int(element.get("offset", 0)), datatype))
-    pose = _pose(fields.get("pose", {}))
+    pose = Transform.from_quaternion("frame", "points", *_placed(fields.get("pose", {})))
     if width and not np.array_equal(pose.matrix, np.eye(4)):
         data = _moved(data, width, step, fields["fields"], pose)
     frame_id = fields.get("frame_id", "")
@@ -123,22 +123,18 @@ def _compressed_image(fields: Fields, stamp_ns: int) -> Any:
     return ROS2.compressed_image(stamp_ns, data=_data(fields), **_known(fields, frame_id="", format=""))
 
 
-def _compressed_video(fields: Fields, stamp_ns: int) -> Any:
+def _compressed(msgtype: str, fields: Fields, stamp_ns: int, **more: Any) -> Any:
     known = _known(fields, frame_id="", format="")
-    return ROS2.new("foxglove_msgs/msg/CompressedVideo", timestamp=ROS2.time(stamp_ns), data=_data(fields), **known)
+    return ROS2.new(msgtype, timestamp=ROS2.time(stamp_ns), data=_data(fields), **known, **more)
+
+
+def _compressed_video(fields: Fields, stamp_ns: int) -> Any:
+    return _compressed("foxglove_msgs/msg/CompressedVideo", fields, stamp_ns)
 
 
 def _compressed_cloud(fields: Fields, stamp_ns: int) -> Any:
-    pose = fields.get("pose", {})
-    placed = ROS2.pose(_numbers(pose.get("position", {}), "xyz"), _rotation(pose.get("orientation", {})))
-    known = _known(fields, frame_id="", format="")
-    return ROS2.new(
-        "foxglove_msgs/msg/CompressedPointCloud",
-        timestamp=ROS2.time(stamp_ns),
-        pose=placed,
-        data=_data(fields),
-        **known,
-    )
+    placed = ROS2.pose(*_placed(fields.get("pose", {})))
+    return _compressed("foxglove_msgs/msg/CompressedPointCloud", fields, stamp_ns, pose=placed)
 
 
 def _camera_calibration(fields: Fields, stamp_ns: int) -> Any:
@@ -190,9 +186,9 @@ def _transform_stamped(fields: Fields, stamp_ns: int) -> Any:
     )
 
 
-def _pose(fields: Fields) -> Transform:
-    position, orientation = _numbers(fields.get("position", {}), "xyz"), _rotation(fields.get("orientation", {}))
-    return Transform.from_quaternion("frame", "points", position, orientation)
+def _placed(pose: Fields) -> tuple[list[float], list[float]]:
+    """Position and rotation of a pose."""
+    return _numbers(pose.get("position", {}), "xyz"), _rotation(pose.get("orientation", {}))
 
 
 def _rotation(fields: Fields) -> list[float]:

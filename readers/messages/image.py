@@ -44,36 +44,30 @@ class PackedEncoding(NamedTuple):
 
 
 def _packed_encodings() -> dict[str, PackedEncoding]:
-    colours = {
-        "rgb": (3, None),
-        "rgba": (4, "COLOR_RGBA2RGB"),
-        "bgr": (3, "COLOR_BGR2RGB"),
-        "bgra": (4, "COLOR_BGRA2RGB"),
-        "mono": (1, "COLOR_GRAY2RGB"),
-    }
-    matrices = {1: "COLOR_GRAY2RGB", 3: "COLOR_BGR2RGB", 4: "COLOR_BGRA2RGB"}
-    # These names follow ROS; OpenCV's older ones (BayerBG for RGGB) count from the second pixel of the second row.
-    mosaics = {
-        "rggb": "COLOR_BayerRGGB2RGB",
-        "bggr": "COLOR_BayerBGGR2RGB",
-        "gbrg": "COLOR_BayerGBRG2RGB",
-        "grbg": "COLOR_BayerGRBG2RGB",
-    }
     encodings = {}
     for bits in (8, 16):
         depth = bits // 8
-        for name, (channels, code) in colours.items():
-            encodings[f"{name}{bits}"] = PackedEncoding(channels, depth, code)
-        for channels, code in matrices.items():
-            encodings[f"{bits}uc{channels}"] = PackedEncoding(channels, depth, code)
-        for name, code in mosaics.items():
-            encodings[f"bayer_{name}{bits}"] = PackedEncoding(1, depth, code, mosaic=True)
-    for name in ("yuv422", "uyvy"):
-        encodings[name] = PackedEncoding(2, 1, "COLOR_YUV2RGB_UYVY", pixels_per_group=2)
-    for name in ("yuv422_yuy2", "yuyv"):
-        encodings[name] = PackedEncoding(2, 1, "COLOR_YUV2RGB_YUY2", pixels_per_group=2)
+        for name, channels, code in _COLOURS:
+            encodings[name.format(bits)] = PackedEncoding(channels, depth, code and f"COLOR_{code}2RGB")
+        for order in ("RGGB", "BGGR", "GBRG", "GRBG"):  # as ROS names them; OpenCV's older names say BayerBG for RGGB
+            name, code = f"bayer_{order.lower()}{bits}", f"COLOR_Bayer{order}2RGB"
+            encodings[name] = PackedEncoding(1, depth, code, mosaic=True)
+    for name, code in (("yuv422", "UYVY"), ("uyvy", "UYVY"), ("yuv422_yuy2", "YUY2"), ("yuyv", "YUY2")):
+        encodings[name] = PackedEncoding(2, 1, f"COLOR_YUV2RGB_{code}", pixels_per_group=2)
     return encodings
 
+
+_COLOURS = (
+    ("rgb{}", 3, None),
+    ("rgba{}", 4, "RGBA"),
+    ("bgr{}", 3, "BGR"),
+    ("bgra{}", 4, "BGRA"),
+    ("mono{}", 1, "GRAY"),
+    ("{}uc1", 1, "GRAY"),
+    ("{}uc3", 3, "BGR"),
+    ("{}uc4", 4, "BGRA"),
+)
+"""Name by bits, values per pixel and order of OpenCV."""
 
 PACKED = _packed_encodings()
 """Encodings by name in lower case."""
@@ -86,7 +80,7 @@ _RGB_FROM_YUV = np.array([[1.164, 0.0, 1.596], [1.164, -0.391, -0.813], [1.164, 
 _RGB_FROM_YUV_SHIFTED = np.hstack([_RGB_FROM_YUV, -_RGB_FROM_YUV @ [[16.0], [128.0], [128.0]]])
 
 
-def packed_to_rgb(pixels: U8, encoding: PackedEncoding) -> U8:
+def _packed_to_rgb(pixels: U8, encoding: PackedEncoding) -> U8:
     """Pixels (H, W, channels), the upper byte of each value, as RGB (H, W, 3); contiguous RGB is not copied."""
     if encoding.conversion is None:
         return np.ascontiguousarray(pixels)
@@ -109,23 +103,6 @@ def check_pixels(width: int, height: int, limits: RecordingLimits, topic: str, o
             f"{topic}: an image of {width} x {height} px, and {others} in other images of the frame, expected at most "
             f"{limits.max_frame_mpx:g} million pixels in all: raise limit_scale"
         )
-
-
-def planar_rows(encoding: str, height: int) -> int:
-    """Rows of `step` bytes in all planes of an image."""
-    return height * 3 if encoding == "nv24" else height * 3 // 2
-
-
-def planar_to_rgb(data: U8, encoding: str, *, height: int, width: int, step: int) -> U8:
-    """Planes in rows of `step` bytes as RGB (H, W, 3); nv12 and nv21 have even width and height."""
-    conversion = PLANAR[encoding]
-    if conversion is not None:
-        return _convert(np.ndarray((planar_rows(encoding, height), width), np.uint8, data, 0, (step, 1)), conversion)
-    import cv2
-
-    luma: U8 = np.ndarray((height, width, 1), np.uint8, data, 0, (step, 1, 1))
-    chroma: U8 = np.ndarray((height, width, 2), np.uint8, data, height * step, (2 * step, 2, 1))
-    return np.asarray(cv2.transform(np.concatenate([luma, chroma], -1), _RGB_FROM_YUV_SHIFTED), np.uint8)
 
 
 def _convert(pixels: U8, conversion: str) -> U8:
@@ -196,7 +173,7 @@ def decode_compressed_image(message: RawMessage, *, limits: RecordingLimits = DE
     data, rgb = compressed.data, None
     if size := image_size(data.tobytes()):
         check_pixels(*size, limits, message.topic, others)
-        encoding = PACKED.get(kind.split(";")[0].strip().lower())
+        encoding = _encoding_of(kind)
         if encoding is not None and encoding.mosaic:
             rgb = _decode_mosaic(data, encoding)
         else:
@@ -218,11 +195,15 @@ def image_file(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS)
     if message.channel.msgtype != COMPRESSED_IMAGE:
         return None
     compressed = deserialize_as(message, COMPRESSED_IMAGE, limits=limits)
-    encoding = PACKED.get(compressed.format.split(";")[0].strip().lower())
+    encoding = _encoding_of(compressed.format)
     data = compressed.data.tobytes()
     endings = {b"\xff\xd8\xff": ".jpg", b"\x89PNG\r\n": ".png"}
     ending = next((ending for magic, ending in endings.items() if data.startswith(magic)), None)
     return None if ending is None or (encoding is not None and encoding.mosaic) else (data, ending)
+
+
+def _encoding_of(kind: str) -> PackedEncoding | None:
+    return PACKED.get(kind.split(";")[0].strip().lower())
 
 
 def _packed(image: Any, encoding: str, topic: str) -> U8:
@@ -237,16 +218,24 @@ def _packed(image: Any, encoding: str, topic: str) -> U8:
     pixels: U8 = np.ndarray(
         (height, width, layout.channels), np.uint8, image.data, upper, (step, pixel_bytes, layout.depth_bytes)
     )
-    return packed_to_rgb(pixels, layout)
+    return _packed_to_rgb(pixels, layout)
 
 
 def _planar(image: Any, encoding: str, topic: str) -> U8:
+    """Planes in rows of `step` bytes as RGB; nv12 and nv21 have even width and height."""
     height, width, step = int(image.height), int(image.width), int(image.step)
     _check_size(image, topic, least=1)
     if encoding != "nv24" and (width % 2 or height % 2):
         raise MessageError(f"{topic}: {encoding} needs an even width and height, found {width} x {height} px")
-    _check_bytes(image, topic, row_bytes=width, rows=planar_rows(encoding, height))
-    return planar_to_rgb(image.data, encoding, height=height, width=width, step=step)
+    rows, conversion = height * 3 if encoding == "nv24" else height * 3 // 2, PLANAR[encoding]
+    _check_bytes(image, topic, row_bytes=width, rows=rows)
+    if conversion is not None:
+        return _convert(np.ndarray((rows, width), np.uint8, image.data, 0, (step, 1)), conversion)
+    import cv2
+
+    luma: U8 = np.ndarray((height, width, 1), np.uint8, image.data, 0, (step, 1, 1))
+    chroma: U8 = np.ndarray((height, width, 2), np.uint8, image.data, height * step, (2 * step, 2, 1))
+    return np.asarray(cv2.transform(np.concatenate([luma, chroma], -1), _RGB_FROM_YUV_SHIFTED), np.uint8)
 
 
 def _check_size(image: Any, topic: str, *, least: int) -> None:
@@ -272,7 +261,7 @@ def _decode_mosaic(data: U8, encoding: PackedEncoding) -> U8 | None:
         return None
     if grey.ndim == 3:  # some drivers keep the sensor's encoding after demosaicing
         return np.ascontiguousarray(grey[..., ::-1])
-    return packed_to_rgb(grey[..., None], encoding)
+    return _packed_to_rgb(grey[..., None], encoding)
 
 
 def _imdecode(data: U8, colours: str) -> U8 | None:

@@ -51,7 +51,7 @@ class CloudDecoder:
             points += len(cloud) + cloud.nan_dropped
             return cloud, drops
 
-        decoded = _decode(bundle, self._topics, decode_one, self._on_bad)
+        decoded = decode_each(bundle, self._topics, decode_one, self._on_bad)
         drops = decoded.drops + tuple(drop for _, parts in decoded.values() for drop in parts)
         return Decoded({name: cloud for name, (cloud, _) in decoded.items()}, drops)
 
@@ -108,7 +108,7 @@ class ImageDecoder:
                 )
             return image
 
-        return _decode(bundle, self._topics, decode_one, self._on_bad)
+        return decode_each(bundle, self._topics, decode_one, self._on_bad)
 
 
 class RecordedBoxes:
@@ -127,7 +127,7 @@ class RecordedBoxes:
 
     def __call__(self, bundle: SensorBundle) -> Decoded[Boxes2D]:
         """Boxes by camera name."""
-        decoded = _decode(bundle, self._topics, self._decode_one, self._on_bad)
+        decoded = decode_each(bundle, self._topics, self._decode_one, self._on_bad)
         unused: Counter[str] = Counter()
         boxes: dict[str, Boxes2D] = {}
         for name, found in decoded.items():
@@ -145,9 +145,10 @@ class RecordedBoxes:
         return found
 
 
-def _decode(
+def decode_each(
     bundle: SensorBundle, topics: Mapping[str, str], decode: Callable[[RawMessage], T], on_bad: OnBadMessage
 ) -> Decoded[T]:
+    """What the messages of a frame hold, by name; `topics` has the topic of each name."""
     found: dict[str, T] = {}
     drops: list[Drop] = []
     for name, topic in topics.items():

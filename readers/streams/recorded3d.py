@@ -9,12 +9,12 @@ from lidcam.pipeline.core.detections import Boxes3D, Source
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.frame import Decoded, SensorBundle
 from lidcam.pipeline.core.geometry.posed_boxes import upright_boxes
-from lidcam.pipeline.core.messages import Drop
+from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import RecordedDetector, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.messages.objects import FoundObjects, ObjectClasses
 from lidcam.readers.messages.registry import decode_as
-from lidcam.readers.streams.decoders import OnBadMessage
+from lidcam.readers.streams.decoders import OnBadMessage, decode_each
 
 
 class RecordedBoxes3D:
@@ -27,31 +27,26 @@ class RecordedBoxes3D:
 
     def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
         self._rig, self._config, self._on_bad = rig, config, on_bad
+        self._detectors = {detector.topic: detector for detector in rig.detectors}
         self._classes = ObjectClasses(config)
         self._min_score = config.detect3d.min_score
 
     def __call__(self, bundle: SensorBundle) -> Decoded[Boxes3D]:
         """Boxes by name of the detector."""
-        boxes: dict[str, Boxes3D] = {}
-        drops: list[Drop] = []
         unused: Counter[str] = Counter()
-        for detector in self._rig.detectors:
-            message = bundle.messages.get(detector.topic)
-            if message is None:
-                continue
-            try:
-                found: FoundObjects = decode_as("3D boxes", message, self._classes, limits=self._config.limits)
-                T_site_frame = self._pose(detector, found.frame_id or detector.frame_id, found.stamp_ns, bundle)
-            except MessageError as err:
-                if self._on_bad == "fail":
-                    raise
-                drops.append(Drop(detector.topic, message.stamp_ns, "cannot be decoded", str(err)))
-                continue
+
+        def decode_one(message: RawMessage) -> Boxes3D:
+            detector = self._detectors[message.topic]
+            found: FoundObjects = decode_as("3D boxes", message, self._classes, limits=self._config.limits)
+            T_site_frame = self._pose(detector, found.frame_id or detector.frame_id, found.stamp_ns, bundle)
             unused.update(found.unused)
             sure = found.scores >= np.float32(self._min_score)
             unused[f"score under detect3d.min_score ({self._min_score:g})"] += int((~sure).sum())
-            boxes[detector.name] = self._in_site(found, np.flatnonzero(sure), T_site_frame, bundle.stamp_ns)
-        return Decoded(boxes, tuple(drops), dict(sorted((+unused).items())))
+            return self._in_site(found, np.flatnonzero(sure), T_site_frame, bundle.stamp_ns)
+
+        topics = {detector.name: topic for topic, detector in self._detectors.items()}
+        decoded = decode_each(bundle, topics, decode_one, self._on_bad)
+        return Decoded(dict(decoded), decoded.drops, dict(sorted((+unused).items())))
 
     def _pose(self, detector: RecordedDetector, frame: str, stamp_ns: int, bundle: SensorBundle) -> F64:
         """(4, 4) T_site_frame from where the boxes were at their stamp to the site frame at the frame's time.
