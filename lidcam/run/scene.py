@@ -18,8 +18,8 @@ from lidcam.pipeline.filters.ground import find_ground
 from lidcam.pipeline.stages.odometry import FindOdometry
 from lidcam.readers.messages.tf import ODOMETRY, decode_odometry
 from lidcam.readers.recording import Recording
-from lidcam.readers.rig.calibration import RIG_FILE
 from lidcam.readers.rig.discovery import Discovery
+from lidcam.readers.rig.lens import RIG_FILE
 from lidcam.readers.rig.schema import Pose, RigFile
 from lidcam.readers.streams.decoders import CloudDecoder
 from lidcam.readers.streams.motion import FIXED_FRAMES, MotionSource, find_motion_source

@@ -10,7 +10,7 @@ from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.ouster.packets import packet_data, sweep_channel, sweep_data
 from lidcam.readers.ouster.sensor import sensor_of
-from lidcam.readers.streams.sweeps import Sweep
+from lidcam.readers.sweeps import Sweep
 
 MAX_PACKETS = 4096
 """Packets per sweep: 4096 columns, one in each."""

@@ -2,30 +2,45 @@
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from lidcam.pipeline.core.arrays import F64
-from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.errors import CalibrationError, FrameError
 from lidcam.pipeline.core.geometry.transform import Transform, rotation_fault
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor
-from lidcam.pipeline.core.ros.messages import ROS2
-from lidcam.readers.messages.camera_info import (
-    camera_model,
-    distortion_model,
-    other_camera_model,
-    rectified_camera_model,
-    rectified_reason,
-)
 from lidcam.readers.messages.tf import RecordedTransforms, clean_frame
 from lidcam.readers.rig.assignment import AssignedCamera, AssignedLidar
 from lidcam.readers.rig.first_messages import FirstMessages
+from lidcam.readers.rig.lens import MAX_OFF_CENTER, RIG_FILE, camera_intrinsics, decompose_projection, off_center
 from lidcam.readers.rig.schema import POSE, CameraEntry, LidarEntry
-from lidcam.readers.rig.sensor_topics import BOXES, CAMERA_INFO, CLOUD, IMAGE, CameraTopics
-from lidcam.readers.rig.topic_names import is_rectified, transport_free
+from lidcam.readers.rig.sensor_topics import BOXES, CAMERA_INFO, CLOUD, IMAGE
+
+OWN_SITE = "its frame is the site frame"
+"""Source of the pose of a sensor in the site frame."""
+
+MAX_AWAY_M = 2e5
+"""Largest coordinate of a lidar in the site frame, where points in single precision have steps of 16 mm; those of the
+squares of MGRS end at half of it, those of UTM are of half a metre."""
+
+PARTS = {
+    **dict.fromkeys(("T_site_lidar", "T_camera_site", "T_site_camera", *POSE), ("extrinsics",)),
+    **dict.fromkeys(("K", "distortion", "distortion_model"), ("intrinsics",)),
+    **dict.fromkeys(("width_px", "height_px"), ("image size",)),
+    "P": ("intrinsics", "extrinsics"),
+}
+"""Parts of the calibration that a key of a rig file belongs to."""
+
+MIN_UP = 0.5
+"""Minimum upward component of a viewing direction from which the frame is taken to be that of the camera's body, which
+then looks down by up to 60 degrees."""
+
+OPTICAL_OF_BODY = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
+"""T_optical_body of REP 103."""
+
+OF_BODY = " (x forward)"
+"""Follows the source of extrinsics that are those of the camera's body."""
+
 
 MAX_ROUNDING = 1e-6
 """Largest deviation of an exact matrix; a rotation with a larger one was rounded and becomes the nearest rotation."""
@@ -55,66 +70,6 @@ def rigid_transform(name: str, dst: str, src: str, values: npt.ArrayLike) -> Tra
         u, _, vt = np.linalg.svd(rotation)
         matrix[:3, :3] = u @ vt
     return Transform(dst, src, matrix)
-
-
-def decompose_projection(name: str, values: npt.ArrayLike) -> tuple[F64, F64]:
-    """K (3, 3) with K[2, 2] = 1 and T_camera_site (4, 4) of a projection P = s K [R | t], depth positive in front.
-
-    By RQ decomposition (Hartley and Zisserman, Multiple View Geometry, 6.2.4).
-
-    Raises:
-        CalibrationError: P[:, :3] is singular or mirrored.
-    """
-    P = np.array(values, np.float64).reshape(3, 4)
-    if not np.isfinite(P).all():
-        raise CalibrationError(f"{name} holds numbers that are not finite")
-    scale = float(np.linalg.norm(P[2, :3]))
-    if scale < 1e-12 or abs(np.linalg.det(P[:, :3] / np.abs(P[:, :3]).max())) < 1e-12:
-        raise CalibrationError(f"{name} is singular: its left 3 x 3 part has determinant 0, so it projects nothing")
-    P = P / scale
-    if np.linalg.det(P[:, :3]) < 0:
-        raise CalibrationError(f"{name} is mirrored (negative determinant): expected depth that is positive in front")
-    from scipy.linalg import rq  # a fifth of a second, for cameras whose pose is in P alone
-
-    K, R = rq(P[:, :3])
-    signs = np.where(np.diag(K) < 0, -1.0, 1.0)
-    K, R = K * signs, signs[:, None] * R
-    matrix = np.eye(4)
-    matrix[:3, :3] = R
-    matrix[:3, 3] = np.linalg.solve(K, P[:, 3])
-    return np.asarray(K / K[2, 2], np.float64), matrix
-
-
-OWN_SITE = "its frame is the site frame"
-"""Source of the pose of a sensor in the site frame."""
-
-RIG_FILE = "rig file"
-"""Source of what the rig file gives."""
-
-MAX_AWAY_M = 2e5
-"""Largest coordinate of a lidar in the site frame, where points in single precision have steps of 16 mm; those of the
-squares of MGRS end at half of it, those of UTM are of half a metre."""
-
-MAX_OFF_CENTER = 0.25
-"""Largest distance of a principal point from the middle of an image that is not cropped, as a share of its size."""
-
-PARTS = {
-    **dict.fromkeys(("T_site_lidar", "T_camera_site", "T_site_camera", *POSE), ("extrinsics",)),
-    **dict.fromkeys(("K", "distortion", "distortion_model"), ("intrinsics",)),
-    **dict.fromkeys(("width_px", "height_px"), ("image size",)),
-    "P": ("intrinsics", "extrinsics"),
-}
-"""Parts of the calibration that a key of a rig file belongs to."""
-
-MIN_UP = 0.5
-"""Minimum upward component of a viewing direction from which the frame is taken to be that of the camera's body, which
-then looks down by up to 60 degrees."""
-
-OPTICAL_OF_BODY = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
-"""T_optical_body of REP 103."""
-
-OF_BODY = " (x forward)"
-"""Follows the source of extrinsics that are those of the camera's body."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +160,7 @@ def calibrate_lidar(
         )
     return (
         LidarSensor(lidar.name, lidar.topic, T_site_lidar, entry.time_offset_ns),
-        SensorSource(lidar.name, lidar.topic, frame, "", source, entry.time_offset_ms),
+        SensorSource(lidar.name, lidar.topic, frame, "", source),
     )
 
 
@@ -225,14 +180,14 @@ def calibrate_camera(
     if topics.image:
         first.decoded(topics.image, IMAGE)
     check_complete(camera.entry)
-    lens = camera_intrinsics(camera, frames, first)
+    lens = camera_intrinsics(camera.entry, topics, camera_frame(camera, frames, first), first)
     T_camera_site, extrinsics = camera_extrinsics(camera, lens.T_model_camera.src, frames)
     pose, entry = lens.T_model_camera @ T_camera_site, camera.entry
     remarks = [lens.remark]
     if extrinsics.endswith(OF_BODY):
         frame = lens.model.frame_id
         remarks.append(f"as an optical frame, {frame} looks at the sky: taken as the frame of its body, x forward")
-    if _off_center(lens.model) > MAX_OFF_CENTER:
+    if off_center(lens.model) > MAX_OFF_CENTER:
         (x, y), size = lens.model.K[:2, 2], f"{lens.model.width_px} x {lens.model.height_px} px"
         remarks.append(
             f"its principal point ({x:.0f}, {y:.0f}) is far from the middle of its images of {size}: unless they are "
@@ -245,7 +200,7 @@ def calibrate_camera(
         sensor = replace(sensor, rectified=other)
     return (
         sensor,
-        SensorSource(camera.name, topics.topic, lens.model.frame_id, lens.source, extrinsics, entry.time_offset_ms),
+        SensorSource(camera.name, topics.topic, lens.model.frame_id, lens.source, extrinsics),
         "; ".join(filter(None, remarks)),
     )
 
@@ -270,17 +225,6 @@ def _are(names: Iterable[str]) -> str:
     return f"{text} {'are' if text.endswith('s') else 'is'}"
 
 
-class Lens(NamedTuple):
-    """A camera's intrinsics, and T_model_camera: rectified images have axes of their own."""
-
-    model: CameraModel
-    T_model_camera: Transform
-    source: str
-    remark: str = ""  # What CameraInfo says otherwise
-    # Another model and T_model_camera: of rectified images, where CameraInfo does not tell whether they are
-    rectified: tuple[CameraModel, Transform] | None = None
-
-
 def camera_frame(camera: AssignedCamera, frames: Frames, first: FirstMessages) -> str:
     """The frame of a camera: as the rig file says, else CameraInfo, its images or its boxes; empty if none does.
 
@@ -291,61 +235,6 @@ def camera_frame(camera: AssignedCamera, frames: Frames, first: FirstMessages) -
     named = [name for topic, kind in kinds if topic and (name := first.frame(topic, kind))]
     joined = (name for name in named if frames.transforms.are_joined(frames.site, name))
     return of_rig or next(joined, named[0] if named else "")
-
-
-def recorded_size(topics: CameraTopics, first: FirstMessages) -> tuple[int, int] | None:
-    """(width, height) in pixels of a camera's images, else as CameraInfo says; None if nothing does."""
-    size = first.image_size(topics.image, IMAGE) if topics.image else None
-    return size or (first.image_size(topics.info, CAMERA_INFO) if topics.info else None)
-
-
-def camera_intrinsics(camera: AssignedCamera, frames: Frames, first: FirstMessages) -> Lens:
-    """Intrinsics of the rig file, else of CameraInfo.
-
-    Raises:
-        CalibrationError: they are missing or not valid, or not for images of the recorded size.
-        MessageError: no CameraInfo of the camera can be decoded.
-    """
-    entry, topics, frame = camera.entry, camera.topics, camera_frame(camera, frames, first)
-    if {"K", "P", "camera_info"} & entry.given:
-        frame = frame or f"{transport_free(topics.topic).strip('/').replace('/', '_')}_optical"
-    if {"K", "P"} & entry.given:
-        lens = Lens(_model_of_entry(entry, topics, frame, first), Transform.identity(frame, frame), RIG_FILE)
-    else:
-        lens = _lens_of_info(entry, topics, frame, first)
-    size = first.image_size(topics.image, IMAGE) if topics.image else None
-    if size is None or size == (lens.model.width_px, lens.model.height_px):
-        return lens
-    scaled = None if lens.source == RIG_FILE else _scaled(lens.model, *size)
-    if scaled is None:
-        raise CalibrationError(
-            f"its images are {size[0]} x {size[1]} px, but the calibration ({lens.source}) is for "
-            f"{lens.model.width_px} x {lens.model.height_px} px"
-        )
-    said = f"{_source_of_info(entry, topics)} is for {lens.model.width_px} x {lens.model.height_px} px"
-    remarks = [lens.remark, f"{said}, its images are {size[0]} x {size[1]}: the calibration is scaled"]
-    return Lens(scaled, lens.T_model_camera, f"{lens.source}, scaled", "; ".join(filter(None, remarks)))
-
-
-def _scaled(model: CameraModel, width_px: int, height_px: int) -> CameraModel | None:
-    """The model for images scaled to a size by one factor, to a pixel.
-
-    None if the size has another shape, or if the principal point says that the calibration's own size is wrong.
-    """
-    factor = width_px / model.width_px
-    if abs(height_px - factor * model.height_px) > 1 or _off_center(model) > MAX_OFF_CENTER:
-        return None
-    scale = np.array([factor, height_px / model.height_px])
-    K = model.K.copy()
-    K[:2] *= scale[:, None]
-    K[:2, 2] += (scale - 1) / 2  # principal points count from the centre of the first pixel
-    return CameraModel(model.frame_id, width_px, height_px, K, model.model, model.distortion)
-
-
-def _off_center(model: CameraModel) -> float:
-    """Distance of the principal point from the middle of the image, as a share of its size."""
-    center = (model.K[:2, 2] + 0.5) / [model.width_px, model.height_px]
-    return float(np.abs(center - 0.5).max())
 
 
 def camera_extrinsics(camera: AssignedCamera, frame: str, frames: Frames) -> tuple[Transform, str]:
@@ -380,47 +269,3 @@ def camera_extrinsics(camera: AssignedCamera, frame: str, frames: Frames) -> tup
 
 def _rig_source(entry: LidarEntry | CameraEntry) -> str:
     return f"{RIG_FILE}, by {entry.parent}" if entry.parent else RIG_FILE
-
-
-def _model_of_entry(entry: CameraEntry, topics: CameraTopics, frame: str, first: FirstMessages) -> CameraModel:
-    width, height = entry.width_px, entry.height_px
-    if width is None or height is None:
-        size = recorded_size(topics, first)
-        if size is None:
-            raise CalibrationError("the recording does not say how large its images are: give width_px and height_px")
-        width, height = size
-    K = np.array(entry.K, np.float64).reshape(3, 3) if entry.P is None else decompose_projection("P", entry.P)[0]
-    model, coefficients = distortion_model(entry.distortion_model, entry.distortion)
-    return CameraModel(frame, width, height, K, model, coefficients)
-
-
-def _source_of_info(entry: CameraEntry, topics: CameraTopics) -> str:
-    return RIG_FILE if entry.camera_info else topics.info
-
-
-def _lens_of_info(entry: CameraEntry, topics: CameraTopics, frame: str, first: FirstMessages) -> Lens:
-    if entry.camera_info:
-        info = ROS2.camera_info(0, "", width=entry.width_px, height=entry.height_px, **entry.camera_info)  # type: ignore[arg-type]  # by field
-    elif topics.info:
-        info = first.decoded(topics.info, CAMERA_INFO)
-    else:
-        raise CalibrationError(
-            "the recording has no CameraInfo of it: give its K in a rig file (--rig; inspect --write-rig drafts one)"
-        )
-    source, remark, other = _source_of_info(entry, topics), "", None
-    if is_rectified(topics.image):
-        model, T_model_camera = rectified_camera_model(info, frame_id=frame)
-    elif reason := rectified_reason(info):
-        model, T_model_camera = rectified_camera_model(info, frame_id=frame, is_turned=False)
-        source = f"P of {source}"
-        remark = f"{source} is used, without distortion: {reason}"
-    else:
-        model, T_model_camera = camera_model(info, frame_id=frame), Transform.identity(frame, frame)
-        other = other_camera_model(info, model)
-    if (entry.width_px or model.width_px, entry.height_px or model.height_px) != (model.width_px, model.height_px):
-        raise CalibrationError(
-            f"the rig file says images of {entry.width_px} x {entry.height_px} px, {source} says "
-            f"{model.width_px} x {model.height_px} px"
-        )
-    words = model.model if model.distortion.any() else "no distortion"
-    return Lens(model, T_model_camera, f"{source} ({words})", remark, other)

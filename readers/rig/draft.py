@@ -9,16 +9,14 @@ from lidcam.pipeline.core.rig import Zone
 from lidcam.readers.rig.assignment import AssignedCamera, AssignedLidar
 from lidcam.readers.rig.calibration import (
     Frames,
-    Lens,
     calibrate_lidar,
     camera_extrinsics,
     camera_frame,
-    camera_intrinsics,
     check_complete,
-    recorded_size,
 )
 from lidcam.readers.rig.discovery import calibrated_rig, parents_first
 from lidcam.readers.rig.first_messages import FirstMessages
+from lidcam.readers.rig.lens import Lens, camera_intrinsics, recorded_size
 from lidcam.readers.rig.rig_file import RIG_HEADER, Row, dumped, matrix_rows, time_offset, truth_tree, zone_tree
 from lidcam.readers.rig.schema import TODO
 from lidcam.readers.rig.search import FoundSensors
@@ -120,7 +118,7 @@ def _camera(camera: AssignedCamera, frames: Frames, found: FoundSensors) -> list
 
 def _complete_lens(camera: AssignedCamera, frames: Frames, first: FirstMessages) -> Lens:
     check_complete(camera.entry, "intrinsics")
-    return camera_intrinsics(camera, frames, first)
+    return camera_intrinsics(camera.entry, camera.topics, camera_frame(camera, frames, first), first)
 
 
 def _complete_pose(camera: AssignedCamera, frame: str, frames: Frames) -> Transform:

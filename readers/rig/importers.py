@@ -14,7 +14,7 @@ from lidcam.pipeline.core.errors import CalibrationError
 from lidcam.pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES
 from lidcam.pipeline.core.settings.model import MAX_NUMBER
 from lidcam.pipeline.core.small_files import read_small_text
-from lidcam.readers.rig.calibration import decompose_projection
+from lidcam.readers.rig.lens import decompose_projection
 from lidcam.readers.rig.schema import CameraEntry, LidarEntry, RigFile, parse_rig
 
 

@@ -17,15 +17,10 @@ from lidcam.readers.rig.calibration import rigid_transform
 from lidcam.readers.rig.detectors import BOXES_3D, boxes_frame, find_detector_topics, usable_boxes
 from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.rig.schema import Edges, RigFile
-from lidcam.readers.rig.sensor_topics import (
-    CAMERA_INFO,
-    CLOUD,
-    OPTICAL,
-    Findings,
-    find_camera_topics,
-    find_lidar_topics,
-)
+from lidcam.readers.rig.sensor_topics import CAMERA_INFO, CLOUD, OPTICAL, Findings
 from lidcam.readers.rig.topic_names import place
+from lidcam.readers.rig.topics.cameras import find_camera_topics
+from lidcam.readers.rig.topics.lidars import find_lidar_topics
 from lidcam.readers.rig.undecoded import undecoded
 
 BEYOND_SITE = frozenset({"earth", "utm"})

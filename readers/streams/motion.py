@@ -7,7 +7,6 @@ used only if its child frame is the site frame or fixed to it.
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +32,7 @@ from lidcam.readers.messages.tf import (
 from lidcam.readers.recording import Recording
 from lidcam.readers.rig.clocks import clock_offsets
 from lidcam.readers.rig.first_messages import FirstMessages
+from lidcam.readers.rig.sensor_topics import is_excluded
 
 KEPT_NS = 5_000_000_000
 """Time for which poses are kept: messages leave the synchroniser a few periods after they were recorded."""
@@ -88,7 +88,7 @@ def find_motion_source(
         if info.msgtype == ODOMETRY
         and info.message_count
         and not info.unreadable
-        and not any(fnmatchcase(info.topic, pattern) for pattern in config.topics.exclude)
+        and not is_excluded(info.topic, config.topics)
     ]
     wanted = config.combine.motion.topic
     if wanted:

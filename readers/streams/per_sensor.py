@@ -29,7 +29,7 @@ from lidcam.readers.ouster.description import find_description
 from lidcam.readers.ouster.sensor import missing_sdk
 from lidcam.readers.ouster.sweeps import OusterSweep
 from lidcam.readers.recording import Closing, Loss, Recording, TopicInfo, merge_topics
-from lidcam.readers.streams.sweeps import PAUSE_NS, Sweep, gather_sweeps
+from lidcam.readers.sweeps import PAUSE_NS, Sweep, gather_sweeps
 from lidcam.readers.velodyne.scan import PACKET, PACKET_FIELDS, scan_channel
 from lidcam.readers.velodyne.sweeps import VelodyneSweep
 from lidcam.readers.video.packets import VIDEO, missing_decoder

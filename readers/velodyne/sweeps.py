@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.readers.streams.sweeps import Sweep
+from lidcam.readers.sweeps import Sweep
 from lidcam.readers.velodyne.scan import packet_data, scan_channel, scan_data
 
 MIN_HIDDEN_TURN_US = 50_000

@@ -9,11 +9,15 @@ from memory_recording import MemoryRecording
 from rig_messages import cloud, image_message, static
 
 from lidcam.pipeline.core.errors import CalibrationError, RecordingError
+from lidcam.pipeline.core.geometry.transform_tree import TransformTree
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.rig.discovery import Discovery, discover_rig
 from lidcam.readers.rig.first_messages import FirstMessages
-from lidcam.readers.rig.sensor_topics import Findings, find_camera_topics, find_lidar_topics
+from lidcam.readers.rig.sensor_topics import Findings
+from lidcam.readers.rig.topics.cameras import find_camera_topics
+from lidcam.readers.rig.topics.lidars import find_lidar_topics
 from lidcam.readers.streams.per_sensor import sensor_messages
 
 FUSED = cloud("/point_cloud_combined", "base")
@@ -40,7 +44,9 @@ PARTS = ["/pointcloud_list/pointcloud_1", "/pointcloud_list/pointcloud_2"]
 def test_lidars(messages: list[RawMessage], used: list[str]) -> None:
     recording = sensor_messages(MemoryRecording(messages))
     findings = Findings()
-    topics = find_lidar_topics(recording, Config().topics, FirstMessages(recording), findings)
+    topics = find_lidar_topics(
+        recording, Config().topics, FirstMessages(recording), findings, RecordedTransforms(TransformTree())
+    )
     assert topics == used
     assert not findings.faults
     passed_over = {info.topic for info in recording.topics} - {*used}

@@ -3,7 +3,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from lidcam.readers.rig.calibration import decompose_projection, rigid_transform
+from lidcam.readers.rig.calibration import rigid_transform
+from lidcam.readers.rig.lens import decompose_projection
 
 
 @given(

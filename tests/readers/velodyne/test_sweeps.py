@@ -12,7 +12,7 @@ from velodyne import START_NS, packet_stream, random_packets
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.streams.per_sensor import sensor_messages
-from lidcam.readers.streams.sweeps import PAUSE_NS, gather_sweeps
+from lidcam.readers.sweeps import PAUSE_NS, gather_sweeps
 from lidcam.readers.velodyne import sweeps as velodyne_sweeps
 from lidcam.readers.velodyne.scan import SCAN, parse_velodyne_scan
 

@@ -14,9 +14,9 @@ from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.messages.image import decode_any_image
-from lidcam.readers.messages.registry import types_of
 from lidcam.readers.recording import Recording
 from lidcam.readers.rig.first_messages import FirstMessages
+from lidcam.readers.rig.sensor_topics import IMAGE
 
 LOOK_NS = 1_500_000_000
 """Log time before and after the first message of the topic that begins last, in which stamps are compared."""
@@ -163,8 +163,6 @@ def _seen(recording: Recording, begin_ns: Mapping[str, int]) -> dict[str, Seen]:
     times = {topic: np.array(sorted(rows), np.int64).reshape(-1, 2) for topic, rows in found.items()}
     return {topic: Seen(rows[:, 0], rows[:, 1]) for topic, rows in times.items()}
 
-
-IMAGE = types_of("image")
 
 PATTERN_PX = 320, 240
 """Size at which the patterns of images are compared."""

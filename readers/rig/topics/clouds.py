@@ -18,16 +18,15 @@ from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.messages.pointcloud2 import INTENSITY_FIELDS, RING_FIELDS, TIME_FIELDS
-from lidcam.readers.messages.registry import types_of
 from lidcam.readers.messages.tf import RecordedTransforms
 from lidcam.readers.natural_order import natural_key
 from lidcam.readers.ouster.packets import SWEEP
 from lidcam.readers.recording import Recording, TopicInfo
-from lidcam.readers.rig.derived.contents import Contents, Pair
 from lidcam.readers.rig.first_messages import FirstMessages
+from lidcam.readers.rig.sensor_topics import CLOUD
+from lidcam.readers.rig.topics.contents import Contents, Pair
 from lidcam.readers.velodyne.scan import SCAN
 
-CLOUD = types_of("cloud")
 PACKETS = frozenset({SCAN, SWEEP})
 """Types of sweeps of a lidar's packets."""
 

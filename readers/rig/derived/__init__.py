@@ -1,1 +1,0 @@
-"""Clouds and images that nodes made of those of sensors."""
