@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from lidcam.pipeline.core.rig import Rig
+from lidcam.pipeline.core.text import listed
 from lidcam.pipeline.stages.sync.clocks import Clocks, TimeJump
 from lidcam.pipeline.stages.sync.drop_reason import DropReason
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
@@ -58,9 +59,9 @@ def clock_notes(clocks: Clocks, sensors: Mapping[str, str]) -> list[str]:
     names = [sensors.get(topic, topic) for topic in clocks.unstamped]
     if not names:
         return []
-    more = f" and {len(names) - MAX_SENSORS_NAMED} more" if len(names) > MAX_SENSORS_NAMED else ""
-    listed = ", ".join(names[:MAX_SENSORS_NAMED])
-    return [f"{listed}{more}: all stamps are 0, so the times at which the messages were recorded are used"]
+    return [
+        f"{listed(names, MAX_SENSORS_NAMED)}: all stamps are 0, so the times at which the messages were recorded are used"
+    ]
 
 
 def late_warnings(drops: Mapping[tuple[str, str], int], received: Mapping[str, int], rig: Rig) -> list[RunWarning]:

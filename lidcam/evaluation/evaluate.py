@@ -14,6 +14,7 @@ from lidcam.evaluation.figures import NamedFigures
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.evaluation.requirement import check_names
 from lidcam.pipeline.core.errors import RecordingError
+from lidcam.pipeline.core.text import listed
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Evaluator
 from lidcam.pipeline.evaluation.labelled_part import LabelledPartSearch
 from lidcam.readers.input_file import InputFile, read_input_file, read_opened_files
@@ -77,11 +78,10 @@ def _objects(counts: Mapping[str, Any]) -> Iterator[RunWarning]:
         )
     labels = sorted(counts["labels_without_class"].items(), key=lambda item: (-item[1], item[0]))
     if labels:
-        listed = ", ".join(f"{label} ({count})" for label, count in labels[:MAX_LABELS])
-        more = f" and {len(labels) - MAX_LABELS} more" if len(labels) > MAX_LABELS else ""
+        names = listed([f"{label} ({count})" for label, count in labels], MAX_LABELS)
         yield RunWarning(
             "truth",
-            f"objects of no configured class are ignored: {listed}{more}",
+            f"objects of no configured class are ignored: {names}",
             "add the words to classes.N.labels if they mean one of the classes",
         )
 

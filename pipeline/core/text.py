@@ -3,6 +3,7 @@
 From outside are messages of libraries, and names and values of a file.
 """
 
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from reprlib import Repr
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,11 @@ if TYPE_CHECKING:  # `--help` needs no numpy
 def one_line(found: object, *, max_characters: int | None = None) -> str:
     """The text of an error or of any other thing, with one blank in place of line ends and of several blanks."""
     return " ".join(str(found).split())[:max_characters]
+
+
+def listed(names: Sequence[str], most: int = 10) -> str:
+    """Names behind one another; of many the first ones, and how many more there are."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def visible(text: str) -> str:

@@ -10,12 +10,11 @@ import yaml
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yaml
-from lidcam.pipeline.core.text import one_line
+from lidcam.pipeline.core.text import listed, one_line
 from lidcam.readers.natural_order import natural_key
 
 METADATA = "metadata.yaml"
 STORAGE_SUFFIXES = (".db3", ".mcap")
-MAX_LISTED = 10
 
 KITTI_RAW, KITTI_OTHERS = {"velodyne_points", "image_02", "image_03"}, {"velodyne", "image_2", "image_3", "label_2"}
 """Folders of KITTI's raw data, and of its odometry and objects."""
@@ -39,10 +38,10 @@ def unlisted_files(folder: Path) -> tuple[Path, ...]:
     Raises:
         RecordingError: metadata.yaml cannot be read.
     """
-    listed = {_unpacked_name(name) for name in folder_metadata(folder).file_names}
-    suffixes = {Path(name).suffix for name in listed}
+    names = {_unpacked_name(name) for name in folder_metadata(folder).file_names}
+    suffixes = {Path(name).suffix for name in names}
     files = [file for file in folder.iterdir() if _is_storage(file) and _storage_suffix(file) in suffixes]
-    others = [file for file in files if _unpacked_name(file.name) not in listed]
+    others = [file for file in files if _unpacked_name(file.name) not in names]
     return tuple(sorted(others, key=lambda file: natural_key(file.name)))
 
 
@@ -52,13 +51,11 @@ def recording_files(folder: Path) -> tuple[Path, ...]:
     Raises:
         RecordingError: there are none, a listed one is missing, or metadata.yaml cannot be read.
     """
-    listed = folder_metadata(folder).file_names
-    files = tuple(folder / name for name in listed)
+    files = tuple(folder / name for name in folder_metadata(folder).file_names)
     missing = [file.name for file in files if not file.is_file()]
     if missing:
-        more = f" and {len(missing) - MAX_LISTED} more" if len(missing) > MAX_LISTED else ""
         raise RecordingError(
-            f"{folder}: {METADATA} lists {', '.join(missing[:MAX_LISTED])}{more}, which "
+            f"{folder}: {METADATA} lists {listed(missing)}, which "
             f"{'is' if len(missing) == 1 else 'are'} not there; complete the folder, or name the files to read"
         )
     if files:

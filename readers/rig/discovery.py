@@ -9,6 +9,7 @@ from lidcam.pipeline.core.errors import CalibrationError, LidcamError
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.text import listed
 from lidcam.readers.messages.tf import RecordedTransforms, clean_frame
 from lidcam.readers.recording import Recording
 from lidcam.readers.rig.assignment import AssignedCamera, AssignedLidar
@@ -27,9 +28,6 @@ from lidcam.readers.rig.search import FoundSensors, find_sensors
 from lidcam.readers.rig.sensor_topics import BOXES, CLOUD, IMAGE, Findings, SensorFault
 
 Assigned = AssignedLidar | AssignedCamera
-
-MAX_LISTED = 10
-"""Largest number of sensors that an error lists."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,14 +131,13 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
 def _notes_of_tf(found: FoundSensors, frames: Frames) -> list[str]:
     notes = []
     if changed := sorted(found.transforms.changed - found.of_rig):
-        more = f" and {len(changed) - MAX_LISTED} more" if len(changed) > MAX_LISTED else ""
         notes.append(
-            f"tf gives several poses of {', '.join(changed[:MAX_LISTED])}{more}: the last one of tf_static is used for "
+            f"tf gives several poses of {listed(changed)}: the last one of tf_static is used for "
             "the whole recording; if it is another one, give it in a rig file (transforms)"
         )
     known, site = found.transforms.fixed.frames, found.site
     if not found.is_site_named and site in found.frames.values() and site not in {*known, *found.transforms.moving}:
-        told = f"tf has no such frame, but {', '.join(sorted(known)[:MAX_LISTED])}" if known else ""
+        told = f"tf has no such frame, but {listed(sorted(known))}" if known else ""
         if reason := found.transforms.faults.get(site, told):
             notes.append(f"poses are in {site}, the lidar's own frame: {reason}; see transforms in a rig file (--rig)")
     own = sorted({*found.frames.values(), *(camera_frame(camera, frames, found.first) for camera in found.cameras)})
@@ -152,8 +149,8 @@ def _notes_of_tf(found: FoundSensors, frames: Frames) -> list[str]:
             last = edge.dst
     if given and not given & used:
         notes.append(
-            f"no sensor needs the transforms of the rig file, to {', '.join(sorted(given)[:MAX_LISTED])}: the sensors "
-            f"are in {', '.join(own[:MAX_LISTED])}"
+            f"no sensor needs the transforms of the rig file, to {listed(sorted(given))}: the sensors "
+            f"are in {listed(own)}"
         )
     return notes
 
@@ -221,10 +218,9 @@ def _check_site_is_named(found: FoundSensors) -> None:
         return
     sensors: Sequence[Assigned] = (*found.lidars, *found.cameras)
     if posed := [one.name for one in sensors if one.entry.has_pose and not one.entry.parent]:
-        more = f" and {len(posed) - MAX_LISTED} more" if len(posed) > MAX_LISTED else ""
         raise CalibrationError(
-            f"site_frame is missing in the rig file: name the frame that the pose of {', '.join(posed[:MAX_LISTED])}"
-            f"{more} is given in; where the lidars ({', '.join(one.name for one in found.lidars)}) are in it has to be "
+            f"site_frame is missing in the rig file: name the frame that the pose of {listed(posed)} "
+            f"is given in; where the lidars ({', '.join(one.name for one in found.lidars)}) are in it has to be "
             "known, from tf or from their poses in the rig file"
         )
 

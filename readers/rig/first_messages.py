@@ -1,6 +1,6 @@
 """The first message of each topic that can be decoded, which has the sensor's frame and the size of its images."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -62,27 +62,25 @@ class FirstMessages:
 
     def missing(self, topic: str, msgtypes: Collection[str]) -> bool:
         """Whether none of the topic's first messages can be decoded."""
-        return isinstance(self._first(topic, msgtypes), MessageError)
+        return self._usable(topic, msgtypes) is None
 
     def frame(self, topic: str, msgtypes: Collection[str]) -> str:
         """The frame of a topic's messages; empty if they name none or cannot be decoded."""
-        found = self._first(topic, msgtypes)
-        return "" if isinstance(found, MessageError) else found.frame_id
+        return found.frame_id if (found := self._usable(topic, msgtypes)) else ""
 
     def log_time_ns(self, topic: str, msgtypes: Collection[str]) -> int | None:
         """When the first message that can be decoded was recorded; None if none can."""
-        found = self._first(topic, msgtypes)
-        return None if isinstance(found, MessageError) else found.log_time_ns
+        return found.log_time_ns if (found := self._usable(topic, msgtypes)) else None
 
     def delay_ns(self, topic: str, msgtypes: Collection[str]) -> int | None:
         """Log time minus stamp of the first message that can be decoded; None if none can, or its stamp is 0."""
-        found = self._first(topic, msgtypes)
-        return None if isinstance(found, MessageError) or not found.stamp_ns else found.log_time_ns - found.stamp_ns
+        found = self._usable(topic, msgtypes)
+        return found.log_time_ns - found.stamp_ns if found and found.stamp_ns else None
 
     def image_size(self, topic: str, msgtypes: Collection[str]) -> tuple[int, int] | None:
         """(width, height) of the topic's first image or cloud, in pixels or points; None if unknown."""
-        found = self._first(topic, msgtypes)
-        if isinstance(found, MessageError):
+        found = self._usable(topic, msgtypes)
+        if found is None:
             return None
         if getattr(found.content, "__msgtype__", "") in VIDEO and found.size_px is None:
             size = first_image_size(self._recording.messages([topic]), limits=self._limits)
@@ -100,6 +98,10 @@ class FirstMessages:
             return self._velodyne[message.topic](message)
         cloud: PointCloud = decode_as("cloud", message, limits=self._limits, calibrated=False)
         return cloud
+
+    def _usable(self, topic: str, msgtypes: Collection[str]) -> _First | None:
+        found = self._first(topic, msgtypes)
+        return None if isinstance(found, MessageError) else found
 
     def _first(self, topic: str, msgtypes: Collection[str]) -> _First | MessageError:
         key = (topic, min(msgtypes))
@@ -134,20 +136,18 @@ class FirstMessages:
 @decoder
 def _first_of(message: RawMessage, limits: RecordingLimits) -> _First:
     """A message without its largest field: a rig may have hundreds of topics with large messages."""
-    if message.channel.msgtype in CUSTOM:  # points of which each would be an object
+    msgtype = message.channel.msgtype
+    if msgtype in CUSTOM:  # points of which each would be an object
         livox = parse_livox(message)
         none = replace(livox, points=livox.points[:0])
         return _First(none, livox.frame_id, (len(livox.points), 1), message.stamp_ns, message.log_time_ns)
-    read: Callable[..., Any] = deserialize
-    if message.channel.msgtype in COMPRESSED_CLOUDS:
-        read = unpack_cloud
-    elif message.channel.msgtype == POINT_CLOUD:  # points of which each would be an object
-        read = read_pointcloud
-    content = read(message, limits=limits)
+    # also of a PointCloud each point would be an object
+    read = unpack_cloud if msgtype in COMPRESSED_CLOUDS else read_pointcloud if msgtype == POINT_CLOUD else deserialize
+    content: Any = read(message, limits=limits)
     size = (int(content.width), int(content.height)) if hasattr(content, "width") else None
-    if message.channel.msgtype in VIDEO:
+    if msgtype in VIDEO:
         size = None  # known once an image of it is decoded
-    elif message.channel.msgtype == COMPRESSED_IMAGE:
+    elif msgtype == COMPRESSED_IMAGE:
         size = image_size(content.data.tobytes())
     for large in ("data", "packets"):
         if hasattr(content, large):

@@ -10,6 +10,7 @@ from lidcam.pipeline.core.errors import CalibrationError, FrameError, RecordingE
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import Zone
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.text import listed
 from lidcam.readers.messages.tf import RecordedTransforms, clean_frame, read_transforms
 from lidcam.readers.recording import Recording, TopicInfo
 from lidcam.readers.rig.assignment import AssignedCamera, AssignedLidar, assign_cameras, assign_lidars
@@ -242,5 +243,4 @@ def _because(findings: Findings) -> str:
 
 
 def _listed(topics: Sequence[TopicInfo]) -> str:
-    more = f" and {len(topics) - MAX_LISTED} more" if len(topics) > MAX_LISTED else ""
-    return ", ".join(f"{info.topic} ({info.msgtype}, {info.message_count})" for info in topics[:MAX_LISTED]) + more
+    return listed([f"{info.topic} ({info.msgtype}, {info.message_count})" for info in topics])

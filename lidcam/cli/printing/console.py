@@ -14,6 +14,7 @@ from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.engines import ENGINES
+from lidcam.pipeline.core.text import listed
 from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
 from lidcam.readers.messages.tf import TF_TYPES
 from lidcam.readers.recording import Loss
@@ -24,9 +25,6 @@ from lidcam.run.warning import RunWarning
 
 if TYPE_CHECKING:  # a run inspects nothing
     from lidcam.inspection import Inspection
-
-MAX_LISTED = 10
-"""Names in one line."""
 
 MAX_LOSSES = 20
 """Damaged parts in the table."""
@@ -128,12 +126,6 @@ def source_of_boxes3d(source: str, rig: Rig) -> str:
     """The source of 3D boxes in words."""
     words = ENGINES[source].words
     return f"{words} from {listed([one.topic for one in rig.detectors])}" if source == "recorded" else words
-
-
-def listed(names: Sequence[str]) -> str:
-    """The first names in a line, and how many more there are."""
-    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
-    return f"{', '.join(names[:MAX_LISTED])}{more}"
 
 
 def print_inspection(out: Console, inspection: "Inspection", verdict: str = "", *, every_topic: bool = False) -> None:
