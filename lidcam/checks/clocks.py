@@ -59,9 +59,8 @@ def clock_notes(clocks: Clocks, sensors: Mapping[str, str]) -> list[str]:
     names = [sensors.get(topic, topic) for topic in clocks.unstamped]
     if not names:
         return []
-    return [
-        f"{listed(names, MAX_SENSORS_NAMED)}: all stamps are 0, so the times at which the messages were recorded are used"
-    ]
+    some = listed(names, MAX_SENSORS_NAMED)
+    return [f"{some}: all stamps are 0, so the times at which the messages were recorded are used"]
 
 
 def late_warnings(drops: Mapping[tuple[str, str], int], received: Mapping[str, int], rig: Rig) -> list[RunWarning]:

@@ -9,7 +9,6 @@ from rich.console import Console
 from lidcam.cli.printing.console import (
     NO_MOTION,
     below_one_name,
-    listed,
     print_losses,
     print_remarks,
     print_warnings,
@@ -28,6 +27,7 @@ from lidcam.cli.printing.tables import (
 )
 from lidcam.cli.printing.terminal import show_line, show_table
 from lidcam.pipeline.core.settings.engines import ENGINES
+from lidcam.pipeline.core.text import listed
 from lidcam.run.summary import CameraCorrection, DropCount, RunSummary
 
 MAX_ZONES = 3
