@@ -43,11 +43,7 @@ class TopicInfo:
 
     @property
     def channel(self) -> Channel:
-        """The first of `channels`.
-
-        Raises:
-            RecordingError: the topic cannot be read.
-        """
+        """The first of `channels`; raises RecordingError if the topic cannot be read."""
         if not self.channels:
             raise RecordingError(f"{self.topic}: {self.msgtype} cannot be read: {self.unreadable}")
         return self.channels[0]

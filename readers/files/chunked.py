@@ -275,11 +275,7 @@ class ChunkCache:
 
 
 def detach(chunk: bytes, start: int, size: int) -> bytes | memoryview:
-    """The message at `start` of a chunk: a view if it is nearly all of the chunk, which the view keeps, else a copy.
-
-    Raises:
-        ValueError: the message reaches beyond the chunk.
-    """
+    """The message at `start` of a chunk: a view if it is nearly all of the chunk, which the view keeps, else a copy."""
     if size < 0 or start + size > len(chunk):
         raise ValueError(f"a message of {size} bytes at {start} reaches beyond its chunk of {len(chunk)}")
     if size * 8 < len(chunk) * 7:

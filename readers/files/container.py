@@ -54,11 +54,7 @@ class Container(ABC):
 
 
 def read_exactly(stream: BinaryIO, size: int) -> bytes:
-    """The next `size` bytes.
-
-    Raises:
-        EOFError: the file ends before.
-    """
+    """The next `size` bytes; raises EOFError if the file ends before."""
     if size > LARGE_BYTES:  # the stream would allocate it before it looks
         at = stream.tell()
         left = stream.seek(0, 2) - at

@@ -82,12 +82,7 @@ class PageCount(NamedTuple):
 
 
 def count_pages(stream: BinaryIO) -> PageCount:
-    """The pages of a database.
-
-    Raises:
-        EOFError: the file ends inside its header.
-        ValueError: its header is not that of a database.
-    """
+    """The pages of a database."""
     file_bytes = stream.seek(0, 2)
     stream.seek(0)
     header = stream.read(DATABASE_HEADER_BYTES)

@@ -2,6 +2,7 @@
 
 A damaged file makes the libraries raise nearly anything (lz4 a RuntimeError, bz2 an OSError without a number, rosbags
 AssertionErrors), so the list is long; anything else (AttributeError, NameError...) is a bug and keeps its traceback.
+What reads or parses a part of a file raises one of them, whose text says what was expected, where the file is damaged.
 """
 
 import errno

@@ -31,11 +31,7 @@ def compression_of(first_bytes: bytes) -> str:
 
 
 def check_chunk_size(size: int, largest: int) -> None:
-    """Refuse a chunk that unpacks to `size` bytes.
-
-    Raises:
-        ValueError: this is more than `largest`.
-    """
+    """Refuse a chunk that unpacks to `size` bytes; raises ValueError if this is more than `largest`."""
     if size > largest:
         raise ValueError(f"a chunk unpacks to more than {largest} bytes, see limit_scale")
 
@@ -67,12 +63,6 @@ def unpack(
     """The content of the lz4 or bz2 data that begin at `position` and end before `end`; at most `largest` bytes.
 
     `size` is their unpacked size according to the file: this much is allocated at once, and more if needed.
-
-    Raises:
-        ValueError: they unpack to more.
-        EOFError: they lack their end, and may not.
-        OSError: bz2 found damage.
-        RuntimeError: lz4 found damage.
     """
     decompressor: LZ4FrameDecompressor | BZ2Decompressor = BZ2Decompressor()
     if compression == "lz4":
@@ -101,10 +91,6 @@ def decompressed(data: bytes | memoryview, encoding: str, *, announced: bool, la
 
     metadata.yaml says whether it did, but is often lost. Zstd frames are recognised by their first bytes (RFC 8878,
     3.1.1), with which no CDR message can begin: its first byte is 0 (DDSI-RTPS 10.5).
-
-    Raises:
-        ValueError: it unpacks to more.
-        zstandard.ZstdError: the frame is damaged, or the message was announced as compressed and is not.
     """
     if announced or (encoding == "cdr" and data[:4] == ZSTD_MAGIC):
         size = zstandard.frame_content_size(data)  # negative if the frame does not say it

@@ -92,11 +92,7 @@ class RemoteFile(io.BufferedIOBase):
         return self._position
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        """Change the position without fetching anything.
-
-        Raises:
-            OSError: the position is before the first byte.
-        """
+        """Change the position without fetching anything; raises OSError if the position is before the first byte."""
         position = offset + {io.SEEK_SET: 0, io.SEEK_CUR: self._position, io.SEEK_END: self.size}[whence]
         if position < 0:
             raise OSError(errno.EINVAL, "a position before the beginning of the file")

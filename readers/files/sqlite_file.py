@@ -195,11 +195,7 @@ MESSAGES_AT_ONCE = 4096
 
 
 class SqliteFile(Container):
-    """One open .db3 file; see `RecordingFile`. `content` is where the uncompressed bytes of `stream` lie.
-
-    Raises:
-        RecordingError: another file has taken its place since it was opened.
-    """
+    """One open .db3 file; see `RecordingFile`. `content` is where the uncompressed bytes of `stream` lie."""
 
     ros_version: RosVersion = "ROS 2"
 

@@ -44,11 +44,7 @@ GZIP_OR_ZLIB = 32 + zlib.MAX_WBITS
 def decode_compressed_cloud(
     message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0, calibrated: bool = True
 ) -> PointCloud:
-    """The points of a message, as of the PointCloud2 that it was made of; see `decode_pointcloud2`.
-
-    Raises:
-        MessageError: as of `unpack_cloud` and `decode_pointcloud2`.
-    """
+    """The points of a message, as of the PointCloud2 that it was made of; see `decode_pointcloud2`."""
     return cloud_of_fields(message, unpack_cloud(message, limits=limits, others=others), calibrated=calibrated)
 
 

@@ -6,8 +6,9 @@ Decoders check what they can name in words of their own; all else, from the firs
 a `MessageError` here, with the original as its cause and its traceback in the log at level debug. Behind the line, in
 the stages and writers, data are typed and checked, and an unexpected error is a bug that keeps its traceback.
 
-Every public function that takes a `RawMessage` and returns what it holds is a `@decoder`. Short memory passes: it says
-nothing of the message.
+Every public function that takes a `RawMessage` and returns what it holds is a `@decoder`: it raises a `MessageError`
+about a message of another type, one that could not be read or ends too soon, one with values that contradict each other
+or its definition, and one that holds more than the limits allow. Short memory passes: it says nothing of the message.
 """
 
 import logging

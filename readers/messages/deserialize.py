@@ -56,11 +56,7 @@ class Cursor:
         self.at += size * count
 
     def uint32(self) -> int:
-        """The next number, also the length of a list.
-
-        Raises:
-            struct.error: the message ends before it.
-        """
+        """The next number, also the length of a list; raises struct.error if the message ends before it."""
         self._align(4)
         (value,) = _UINT32[self.order].unpack_from(self._data, self.at)
         self.at += 4
@@ -102,11 +98,7 @@ class Cursor:
 
 
 def cursor_of(message: RawMessage, *msgtypes: str) -> Cursor:
-    """A cursor at the beginning of a message of one of some types.
-
-    Raises:
-        MessageError: the message could not be read, or is of another type.
-    """
+    """A cursor at the beginning of a message of one of some types."""
     if message.problem:
         raise MessageError(f"{message.topic}: {message.problem}")
     if message.channel.msgtype not in msgtypes:
@@ -276,11 +268,7 @@ def deserialize(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS
 
 
 def deserialize_as(message: RawMessage, *msgtypes: str, limits: RecordingLimits = DEFAULT_LIMITS) -> Any:
-    """Like `deserialize`, for a message that must be of one of some types.
-
-    Raises:
-        MessageError: the message is of another type, or cannot be decoded.
-    """
+    """Like `deserialize`, for a message that must be of one of some types."""
     if message.channel.msgtype not in msgtypes:
         raise MessageError(f"{message.topic}: expected {' or '.join(msgtypes)}, found {message.channel.msgtype}")
     return deserialize(message, limits=limits)

@@ -51,11 +51,7 @@ class BoxRows(NamedTuple):
 def box_rows(
     message: RawMessage, msgtype: str, box_of: Callable[[Any], Sequence[float]], numbers: int, limits: RecordingLimits
 ) -> BoxRows:
-    """The content of an array of boxes: of each the `numbers` that `box_of` takes from its decoded `bbox`.
-
-    Raises:
-        MessageError: the message is of another type, cannot be decoded, or holds more boxes.
-    """
+    """The content of an array of boxes: of each the `numbers` that `box_of` takes from its decoded `bbox`."""
     array = deserialize_as(message, msgtype, limits=limits)
     check_boxes(array.detections, message.topic, limits)
     results = [(row, result) for row, detection in enumerate(array.detections) for result in detection.results]
@@ -137,9 +133,6 @@ def decode_detections2d(
         class_names: Labels of a detector that records numbers.
         other_class_id: Class id of boxes of any other class; None: they are not used.
         limits: How many boxes a message may hold.
-
-    Raises:
-        MessageError: not a Detection2DArray of a known layout, or more boxes than `limits` allow.
     """
     class_ids = {label.strip().lower(): class_id for label, class_id in class_id_of_label.items()}
     rows = box_rows(message, DETECTIONS_2D, _numbers, 5, limits)
@@ -255,11 +248,7 @@ class Detections3D(Table):
 
 @decoder
 def decode_detections3d(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS) -> Detections3D:
-    """The boxes of a message, each with the class of its best hypothesis (of equal scores the first).
-
-    Raises:
-        MessageError: not a Detection3DArray of a known layout, or more boxes than `limits` allow.
-    """
+    """The boxes of a message, each with the class of its best hypothesis (of equal scores the first)."""
     rows = box_rows(message, DETECTIONS_3D, _box_numbers, 10, limits)
     best, counts = best_and_counts(rows)
     with np.errstate(invalid="ignore", over="ignore"):
@@ -300,11 +289,7 @@ def decode_detections3d(message: RawMessage, *, limits: RecordingLimits = DEFAUL
 def decode_detected_boxes(
     message: RawMessage, classes: ObjectClasses, *, limits: RecordingLimits = DEFAULT_LIMITS
 ) -> FoundObjects:
-    """The objects of a message, each with the class, score and covariance of its best hypothesis.
-
-    Raises:
-        MessageError: not a Detection3DArray of a known layout, or more boxes than `limits` allow.
-    """
+    """The objects of a message, each with the class, score and covariance of its best hypothesis."""
     rows = box_rows(message, DETECTIONS_3D, _box_numbers, 10, limits)
     best, _ = best_and_counts(rows)
     has_best = best >= 0

@@ -14,10 +14,6 @@ DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 def decode_diagnostics(
     message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS
 ) -> Mapping[str, Mapping[str, str]]:
-    """The values of each status by its name; of equal names and keys the last.
-
-    Raises:
-        MessageError: not a DiagnosticArray, or its bytes do not fit it.
-    """
+    """The values of each status by its name; of equal names and keys the last."""
     array = deserialize_as(message, DIAGNOSTICS, limits=limits)
     return {status.name: {pair.key: pair.value for pair in status.values} for status in array.status}

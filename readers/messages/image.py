@@ -115,11 +115,7 @@ RAW_IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/Compress
 
 
 def decode_any_image(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0) -> Image:
-    """The image of a message of any type of images; `others` are the pixels of the frame's other images.
-
-    Raises:
-        MessageError: the message is of another type or holds no image.
-    """
+    """The image of a message of any type of images; `others` are the pixels of the frame's other images."""
     image: Image = decode_as("image", message, limits=limits, others=others)
     return image
 

@@ -67,11 +67,7 @@ class ObjectClasses:
 
 
 def check_boxes(boxes: Sequence[Any], topic: str, limits: RecordingLimits) -> int:
-    """The number of boxes of a message.
-
-    Raises:
-        MessageError: there are more than `limits` allow.
-    """
+    """The number of boxes of a message; raises MessageError if there are more than `limits` allow."""
     if len(boxes) > limits.max_boxes:
         raise MessageError(f"{topic}: {len(boxes)} boxes, expected at most {limits.max_boxes}: raise limit_scale")
     return len(boxes)
@@ -161,11 +157,7 @@ _YAW = 35
 def decode_detected_objects(
     message: RawMessage, classes: ObjectClasses, *, limits: RecordingLimits = DEFAULT_LIMITS
 ) -> FoundObjects:
-    """The objects of a message.
-
-    Raises:
-        MessageError: not a DetectedObjects, or more objects than `limits` allow.
-    """
+    """The objects of a message; raises MessageError if not a DetectedObjects, or more objects than `limits` allow."""
     array = deserialize_as(message, *sorted(DETECTED_OBJECTS), limits=limits)
     count = check_boxes(array.objects, message.topic, limits)
     numbers, covariances, scores = np.zeros((count, 10)), np.zeros((count, 36)), np.zeros(count)
@@ -238,11 +230,7 @@ class FoundTracks(CheckedTable):
 
 @decoder
 def decode_tracks(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS) -> FoundTracks:
-    """The tracks of a message; of several with one number, the first.
-
-    Raises:
-        MessageError: not a TrackArray, or more tracks than `limits` allow.
-    """
+    """The tracks of a message; of several with one number, the first."""
     array = deserialize_as(message, TRACKS, limits=limits)
     n = check_boxes(array.tracks, message.topic, limits)
     ids = np.array([one.id for one in array.tracks], np.int64)

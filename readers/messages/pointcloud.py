@@ -33,21 +33,13 @@ MAX_CHANNELS = 64
 def decode_pointcloud(
     message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0, calibrated: bool = True
 ) -> PointCloud:
-    """The points of a message; channels have the meaning of PointCloud2's fields of their names.
-
-    Raises:
-        MessageError: as of `read_pointcloud` and `decode_pointcloud2`.
-    """
+    """The points of a message; channels have the meaning of PointCloud2's fields of their names."""
     return cloud_of_fields(message, read_pointcloud(message, limits=limits, others=others), calibrated=calibrated)
 
 
 @decoder
 def read_pointcloud(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0) -> Any:
-    """The same as a sensor_msgs/PointCloud2; channels of another length than the points are left out.
-
-    Raises:
-        MessageError: not a PointCloud, its bytes end too soon, or there are more points than `limits` allow.
-    """
+    """The same as a sensor_msgs/PointCloud2; channels of another length than the points are left out."""
     channel, data, cursor = message.channel, message.data, cursor_of(message, POINT_CLOUD)
     typestore_for(channel)  # the definition is the usual one
     with damage_told(message):
@@ -88,11 +80,7 @@ class LivoxPoints:
 
 
 def parse_livox(message: RawMessage) -> LivoxPoints:
-    """The points of a CustomMsg, a view of its bytes.
-
-    Raises:
-        MessageError: not a CustomMsg, its definition is another one than Livox's, or its bytes end too soon.
-    """
+    """The points of a CustomMsg, a view of its bytes."""
     cursor = cursor_of(message, *sorted(CUSTOM))
     layout = _point(message.channel, cursor.order)
     with damage_told(message):
@@ -112,9 +100,6 @@ def decode_livox(
 
     Times are `timebase` and `offset_time`. Where the header has another clock than the lidar, it is taken to have the
     time of the first point.
-
-    Raises:
-        MessageError: as of `parse_livox`; or there are more points than `limits` allow.
     """
     found = parse_livox(message)
     points = found.points
@@ -127,11 +112,7 @@ def decode_livox(
 
 @lru_cache(maxsize=256)
 def _point(channel: Channel, order: str) -> Any:
-    """The layout of a point.
-
-    Raises:
-        MessageError: the definition is none of Livox's.
-    """
+    """The layout of a point; raises MessageError if the definition is none of Livox's."""
     types = typestore_for(channel).fielddefs
     if tuple(name for name, _ in types[channel.msgtype][1]) != _HEAD:
         raise MessageError(f"{channel.topic}: its definition of {channel.msgtype} has other fields than Livox's")

@@ -64,11 +64,7 @@ def types_of(kind: Kind) -> frozenset[str]:
 
 
 def decode_as(kind: Kind, message: RawMessage, *arguments: Any, **options: Any) -> Any:
-    """The content of a message, by the decoder of its type, which gets the further arguments.
-
-    Raises:
-        MessageError: the message is of another kind, or cannot be decoded.
-    """
+    """The content of a message, by the decoder of its type, which gets the further arguments."""
     msgtype = message.channel.msgtype
     decoders = {name: one.decoder for name, one in TYPES.items() if one.kind == kind and ":" in one.decoder}
     if msgtype not in decoders:

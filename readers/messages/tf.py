@@ -139,9 +139,6 @@ def decode_transforms(
     """The transforms of one message: stamp in ns, T_parent_child or its fault, child frame.
 
     Sound ones of frames (parent, child) that are not wanted are left out, which saves most of the time.
-
-    Raises:
-        MessageError: the message cannot be decoded, or is not of `TF_TYPES`.
     """
     stamped = deserialize_as(message, *sorted(TF_TYPES), limits=limits).transforms
     return [found for one in stamped if (found := _decode(one, is_wanted)) is not None]

@@ -52,11 +52,7 @@ FIELDS = [("buf", (Nodetype.SEQUENCE, ((Nodetype.BASE, ("uint8", 0)), 0)))]
 
 
 def packet_data(message: RawMessage, size: int) -> bytes:
-    """The packet of a message, which has `FIELDS`.
-
-    Raises:
-        MessageError: its bytes are not there, end too soon, or are no packet of `size` bytes.
-    """
+    """The packet of a message, which has `FIELDS`."""
     cursor = cursor_of(message, *PACKETS)
     with damage_told(message):
         count = cursor.uint32()

@@ -54,11 +54,7 @@ def sdk() -> ModuleType:
 
 @lru_cache(maxsize=64)
 def sensor_of(metadata: str) -> "OusterSensor":
-    """The sensor that describes itself so.
-
-    Raises:
-        MessageError: it is no description of an Ouster.
-    """
+    """The sensor that describes itself so; raises MessageError if it is no description of an Ouster."""
     if len(metadata) > MAX_METADATA_CHARACTERS:
         raise MessageError(f"expected the JSON of an Ouster, found {len(metadata)} characters")
     try:

@@ -51,11 +51,7 @@ def attached_config(text: str, path: Path, version: str) -> tuple[Config, tuple[
 
 
 def attached_summary(text: str, path: Path) -> dict[str, Any]:
-    """The summary of the run that made a result.
-
-    Raises:
-        RecordingError: the text is not a JSON object.
-    """
+    """The summary of the run that made a result; raises RecordingError if the text is not a JSON object."""
     try:
         tree = json.loads(text)
     except ValueError as err:

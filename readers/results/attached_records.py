@@ -82,11 +82,7 @@ def read_records(path: Path) -> AttachedRecords:
 
 
 def is_result(path: Path) -> bool:
-    """Whether a file is a result of lidcam; False of any other file.
-
-    Raises:
-        RecordingError: it cannot be read.
-    """
+    """Whether a file is a result of lidcam; False of any other file. Raises RecordingError if it cannot be read."""
     with library_errors(path):
         if not path.is_file():
             return False

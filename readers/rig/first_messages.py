@@ -89,11 +89,7 @@ class FirstMessages:
         return found.size_px
 
     def cloud(self, message: RawMessage) -> PointCloud:
-        """The points of a message, also of packets, with the intensities that nodes hand on.
-
-        Raises:
-            MessageError: it cannot be decoded.
-        """
+        """The points of a message, also of packets, with the intensities that nodes hand on."""
         if message.channel.msgtype == SCAN:
             return self._velodyne[message.topic](message)
         cloud: PointCloud = decode_as("cloud", message, limits=self._limits, calibrated=False)

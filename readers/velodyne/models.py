@@ -117,11 +117,7 @@ MODELS = {
 
 @lru_cache
 def built_in_table(model: str) -> LaserTable:
-    """The table from a model's manual.
-
-    Raises:
-        KeyError: the model is an HDL-64E or not one of `MODELS`.
-    """
+    """The table from a model's manual; raises KeyError if the model is an HDL-64E or not one of `MODELS`."""
     elevation_deg, azimuth_offset_deg, focal_m = _TABLES[model]
     elevation_rad = np.deg2rad(np.array(elevation_deg, np.float64))
     azimuth_offset_rad = np.deg2rad(np.resize(np.array(azimuth_offset_deg, np.float64), len(elevation_rad)))

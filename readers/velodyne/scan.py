@@ -63,11 +63,7 @@ class VelodynePackets:
 
 
 def parse_velodyne_scan(message: RawMessage) -> VelodynePackets:
-    """The packets of a message; bytes after the last one are ignored.
-
-    Raises:
-        MessageError: not a VelodyneScan, its recorded definition is not the usual one, or its bytes end too soon.
-    """
+    """The packets of a message; bytes after the last one are ignored."""
     cursor = cursor_of(message, SCAN)
     typestore_for(message.channel)  # the definition is the usual one
     layout = np.dtype([("stamp", f"{cursor.order}u4", 2), ("payload", "u1", PACKET_BYTES)])
@@ -97,11 +93,7 @@ def packet_message_data(stamp_ns: int, payload: bytes | memoryview) -> bytes:
 
 
 def packet_data(message: RawMessage) -> bytes | memoryview:
-    """Stamp and payload of a VelodynePacket, which has `PACKET_FIELDS`, little endian.
-
-    Raises:
-        MessageError: its bytes are not there, or end too soon.
-    """
+    """Stamp and payload of a VelodynePacket, which has `PACKET_FIELDS`, little endian."""
     data, cursor = message.data, cursor_of(message, PACKET)
     start, end = cursor.at, cursor.at + _STAMPED_BYTES
     if len(data) < end:

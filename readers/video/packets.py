@@ -72,11 +72,7 @@ def missing_decoder() -> str:
 
 @decoder
 def read_packet(message: RawMessage) -> VideoPacket:
-    """The packet of a CompressedVideo or FFMPEGPacket, undecoded.
-
-    Raises:
-        MessageError: the message cannot be read or is empty, or the codec is unknown.
-    """
+    """The packet of a CompressedVideo or FFMPEGPacket, undecoded."""
     fields, is_ffmpeg = deserialize(message), message.channel.msgtype == FFMPEG_PACKET
     named = str(fields.encoding if is_ffmpeg else fields.format)
     frame_id = clean_frame(fields.header.frame_id if is_ffmpeg else fields.frame_id)

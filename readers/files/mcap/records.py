@@ -68,13 +68,7 @@ class ChunkHead(NamedTuple):
 
 
 def load_chunk(stream: BinaryIO, position: int, limits: RecordingLimits, *, size: int | None = None) -> bytes:
-    """The records of the chunk at `position`, decompressed, their checksum verified. `size` is that of the index.
-
-    Raises:
-        ValueError: there is no chunk, its compression is unknown, or its size or checksum is wrong.
-        EOFError: the chunk reaches beyond the file.
-        Exception: any that the decompressing library raises.
-    """
+    """The records of the chunk at `position`, decompressed, their checksum verified. `size` is that of the index."""
     stream.seek(position)
     opcode, length = RECORD_HEAD.unpack(read_exactly(stream, RECORD_HEAD.size))
     if opcode != Opcode.CHUNK:
@@ -101,12 +95,7 @@ def load_chunk(stream: BinaryIO, position: int, limits: RecordingLimits, *, size
 
 
 def read_chunk_head(stream: BinaryIO) -> ChunkHead:
-    """The fields of the chunk whose content begins here.
-
-    Raises:
-        EOFError: the file ends inside them.
-        ValueError: the name of the compression is too long or not UTF-8.
-    """
+    """The fields of the chunk whose content begins here."""
     _, _, uncompressed_size, crc, length = CHUNK_HEAD.unpack(read_exactly(stream, CHUNK_HEAD.size))
     if length > MAX_NAME_BYTES:
         raise ValueError(f"the name of a compression has {length} bytes")
@@ -129,11 +118,7 @@ def _unpacked(stream: BinaryIO, head: ChunkHead, largest: int) -> bytes:
 
 
 def records_in(chunk: bytes, limits: RecordingLimits) -> Iterator[tuple[int, int, int]]:
-    """Opcode, start and size of the content of each record in a chunk.
-
-    Raises:
-        ValueError: a record reaches beyond the chunk, or there are too many.
-    """
+    """Opcode, start and size of the content of each record in a chunk."""
     at = count = 0
     while at < len(chunk):
         count += 1
@@ -148,11 +133,7 @@ def records_in(chunk: bytes, limits: RecordingLimits) -> Iterator[tuple[int, int
 
 
 def entry_of(head: bytes, at: int, chunk_position: int, start: int, size: int) -> Entry:
-    """The message whose record content starts at `start`; its first fields are in `head` at `at`.
-
-    Raises:
-        ValueError: the record is too short, or its log time is beyond 2^63 ns.
-    """
+    """The message whose record content starts at `start`; its first fields are in `head` at `at`."""
     channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(head, at)
     if size < MESSAGE_HEAD.size:
         raise ValueError(f"a message record of {size} bytes")
@@ -269,11 +250,7 @@ def _reader(stream: BinaryIO, position: int, whence: int = 0) -> StreamReader:
 
 
 def read_profile(stream: BinaryIO) -> str:
-    """The profile that the header names.
-
-    Raises:
-        Exception: of the mcap library, if there is no header.
-    """
+    """The profile that the header names."""
     header = next(_reader(stream, MAGIC_BYTES).records)
     if not isinstance(header, Header):
         raise McapError(f"expected a header, found {type(header).__name__}")
@@ -281,12 +258,7 @@ def read_profile(stream: BinaryIO) -> str:
 
 
 def contents_of_summary(stream: BinaryIO) -> Contents | None:
-    """Contents according to the summary section; None if it lacks something.
-
-    Raises:
-        ValueError: its checksum is wrong, or it contradicts itself.
-        Exception: of the mcap library, if it is damaged.
-    """
+    """Contents according to the summary section; None if it lacks something."""
     footer = next(_reader(stream, -FOOTER.size - MAGIC_BYTES, 2).records)
     if not isinstance(footer, Footer):
         raise McapError(f"expected a footer, found {type(footer).__name__}")
@@ -333,12 +305,7 @@ def _place_of(record: ChunkIndex) -> ChunkPlace:
 
 
 def is_summary_sound(stream: BinaryIO) -> bool:
-    """Whether the summary has the checksum (CRC-32) that the footer names, if it names one.
-
-    Raises:
-        OSError: the file is shorter than a footer.
-        EOFError: the footer names a place beyond the file.
-    """
+    """Whether the summary has the checksum (CRC-32) that the footer names, if it names one."""
     end = stream.seek(-FOOTER.size - MAGIC_BYTES, 2)
     _, _, start, _, crc = FOOTER.unpack(read_exactly(stream, FOOTER.size))
     if not crc or not start:

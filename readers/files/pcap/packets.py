@@ -52,11 +52,7 @@ def is_capture(magic: bytes) -> bool:
 
 
 def captured_packets(stream: BinaryIO, losses: Losses) -> Iterator[CapturedPacket]:
-    """The packets of a capture in the order of the file.
-
-    Raises:
-        EOFError: the file ends within its first header.
-    """
+    """The packets of a capture in the order of the file; raises EOFError if the file ends within its first header."""
     end = stream.seek(0, 2)
     stream.seek(0)
     begin = stream.read(_FILE_HEADER_BYTES)

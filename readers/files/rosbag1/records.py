@@ -9,7 +9,7 @@ from io import BytesIO
 from itertools import islice
 from typing import BinaryIO, NamedTuple
 
-from rosbags.rosbag1.reader import Header, normalize
+from rosbags.rosbag1.reader import normalize
 from rosbags.typesys.msg import normalize_msgtype
 
 from lidcam.pipeline.core.messages import Channel
@@ -160,11 +160,7 @@ def _records_of(stream: BinaryIO, begin: int, end: int) -> Iterator[Record]:
 
 
 def contents_of_chunk(records: bytes, limits: RecordingLimits) -> list[Record]:
-    """The messages and connections of an unpacked chunk; damage is passed over.
-
-    Raises:
-        ValueError: there are too many.
-    """
+    """The messages and connections of an unpacked chunk; damage is passed over."""
     found = list(islice(_records_of(BytesIO(records), 0, len(records)), limits.max_messages_per_chunk + 1))
     if len(found) > limits.max_messages_per_chunk:
         raise ValueError(f"a chunk of more than {limits.max_messages_per_chunk} messages, see limit_scale")
@@ -220,12 +216,7 @@ class Contents:
 
 
 def contents_of_index(stream: BinaryIO) -> Contents:
-    """Contents according to the index of the bag.
-
-    Raises:
-        ValueError: there is no index, or it does not agree with the header or the chunks.
-        Exception: any that damage causes.
-    """
+    """Contents according to the index of the bag."""
     end = stream.seek(0, 2)
     header = _required(stream, MAGIC_BYTES, end, HEADER)
     position = index_position = header.number(b"index_pos")
@@ -253,17 +244,12 @@ def contents_of_index(stream: BinaryIO) -> Contents:
 
 
 def channel_of(stream: BinaryIO, record: Record) -> Channel:
-    """The channel that a record of a connection describes.
-
-    Raises:
-        Exception: any that damage causes.
-    """
-    stream.seek(record.data - 4)  # the data and their length have the form of a header
-    fields = Header.read(BytesIO(stream.read(record.size + 4)))
+    """The channel that a record of a connection describes."""
+    stream.seek(record.data)
+    fields = {name: value.decode() for name, value in (_fields(stream.read(record.size)) or {}).items()}
     topic = normalize(record.fields[b"topic"].decode())
-    msgtype = normalize_msgtype(fields.get_string("type"))
-    definition, digest = fields.get_string("message_definition"), fields.get_string("md5sum")
-    return Channel(topic, msgtype, "ros1", definition, "ros1msg", digest=digest)
+    msgtype = normalize_msgtype(fields[b"type"])
+    return Channel(topic, msgtype, "ros1", fields[b"message_definition"], "ros1msg", digest=fields[b"md5sum"])
 
 
 def _required(stream: BinaryIO, position: int, end: int, kind: int) -> Record:

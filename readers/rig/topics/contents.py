@@ -135,11 +135,7 @@ class Contents:
         return found
 
     def at(self, topic: str, log_ns: int) -> Any:
-        """The decoded message of a topic that was recorded at a time.
-
-        Raises:
-            MessageError: it cannot be decoded.
-        """
+        """The decoded message of a topic that was recorded at a time; raises MessageError if it cannot be decoded."""
         if (topic, log_ns) not in self._decoded:
             messages = self._recording.messages([topic], start_ns=log_ns, stop_ns=log_ns + 1)
             message = next((one for one in messages if one.channel.msgtype in self._kind), None)
