@@ -51,7 +51,9 @@ TYPES: dict[str, MessageType] = {
     "nav_msgs/msg/Odometry": MessageType("odometry", f"{_MESSAGES}.tf:decode_odometry"),
     "tf/msg/tfMessage": MessageType("transforms", f"{_MESSAGES}.tf:decode_transforms"),
     "tf2_msgs/msg/TFMessage": MessageType("transforms", f"{_MESSAGES}.tf:decode_transforms"),
-    "diagnostic_msgs/msg/DiagnosticArray": MessageType("diagnostics", f"{_MESSAGES}.diagnostics:decode_diagnostics"),
+    "diagnostic_msgs/msg/DiagnosticArray": MessageType(
+        "diagnostics", "lidcam.readers.results.result:decode_diagnostics"
+    ),
     "lidcam_msgs/msg/TrackArray": MessageType("tracks", f"{_MESSAGES}.objects:decode_tracks"),
 }
 """By name as rosbags writes it. Decoders of one kind take and return the same: a cloud's as `decode_pointcloud2`, an

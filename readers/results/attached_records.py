@@ -2,7 +2,6 @@
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -38,16 +37,8 @@ MAX_NAMED = 3
 _MAGIC = b"\x89MCAP0\r\n"
 
 
-@dataclass(frozen=True, slots=True)
-class AttachedRecords:
-    """The records of a result."""
-
-    metadata: Mapping[str, str]  # Version of lidcam, inputs, and hashes
-    texts: Mapping[str, str]  # Attached texts by name
-
-
-def read_records(path: Path) -> AttachedRecords:
-    """The records of a result.
+def read_records(path: Path) -> tuple[Mapping[str, str], Mapping[str, str]]:
+    """The records of a result: version of lidcam, inputs and hashes; and the attached texts by name.
 
     Raises:
         RecordingError: the file cannot be read, or is not a result of lidcam; says what it is.
@@ -78,7 +69,7 @@ def read_records(path: Path) -> AttachedRecords:
             f"{path}: expected a result with {CONFIG} and {RIG} attached, found none of {', '.join(missing)}: a tool "
             "that rewrote it left them out; give the file that `lidcam process` wrote"
         )
-    return AttachedRecords(metadata[RESULT] | metadata.get(INPUTS, {}), texts)
+    return metadata[RESULT] | metadata.get(INPUTS, {}), texts
 
 
 def is_result(path: Path) -> bool:

@@ -18,8 +18,10 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import UNKNOWN_CLASS, Config
 from lidcam.pipeline.core.settings.load import load_config
-from lidcam.pipeline.core.settings.recording import RecordingLimits
+from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.evaluation.evaluation_frame import SOURCES, UNKNOWN, FrameSync, Motion, ResultFrame, SourceBoxes
+from lidcam.readers.messages.decoding import decoder
+from lidcam.readers.messages.deserialize import deserialize_as
 from lidcam.readers.messages.detections import (
     DETECTIONS_2D,
     DETECTIONS_3D,
@@ -28,7 +30,6 @@ from lidcam.readers.messages.detections import (
     decode_detections3d,
     track_ids,
 )
-from lidcam.readers.messages.diagnostics import decode_diagnostics
 from lidcam.readers.messages.objects import TRACKS, decode_tracks
 from lidcam.readers.notes import Notes
 from lidcam.readers.open import open_recording
@@ -142,10 +143,8 @@ class Result(Closing):
         if DIAGNOSTICS in messages:
             with self._counting(messages[DIAGNOSTICS]):
                 values = decode_diagnostics(messages[DIAGNOSTICS], limits=limits).get(SYNCHRONISATION, {})
-                skew_ns, sync = (
-                    _nanoseconds(values.get("skew_ms", "")),
-                    _sync(messages[DIAGNOSTICS].log_time_ns, values),
-                )
+                skew_ns = _nanoseconds(values.get("skew_ms", ""))
+                sync = _sync(messages[DIAGNOSTICS].log_time_ns, values)
         of_frame = [messages[topic] for topic in (*SOURCE_TOPICS.values(), DIAGNOSTICS) if topic in messages]
         first = (of_frame or [*messages.values()])[0]
         return ResultFrame(index, first.stamp_ns, first.log_time_ns, sources, cameras, skew_ns, sync)
@@ -217,12 +216,21 @@ def open_result(path: Path, settings: Sequence[str] = (), options: ReadOptions =
         CalibrationError: its rig cannot be used.
         ConfigError: `settings` are wrong.
     """
-    records = read_records(path)
-    config, notes = attached_config(records.texts[CONFIG], path, records.metadata.get("version", "unknown"))
+    metadata, texts = read_records(path)
+    config, notes = attached_config(texts[CONFIG], path, metadata.get("version", "unknown"))
     config = load_config(config, settings) if settings else config
-    rig = attached_rig(records.texts[RIG], path, config)
-    summary = attached_summary(records.texts.get(SUMMARY, "{}"), path)
-    return Result(path, open_recording([path], options), records.metadata, config, rig, notes, summary)
+    rig = attached_rig(texts[RIG], path, config)
+    summary = attached_summary(texts.get(SUMMARY, "{}"), path)
+    return Result(path, open_recording([path], options), metadata, config, rig, notes, summary)
+
+
+@decoder
+def decode_diagnostics(
+    message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS
+) -> Mapping[str, Mapping[str, str]]:
+    """The values of each status of a DiagnosticArray by its name; of equal names and keys the last."""
+    array = deserialize_as(message, "diagnostic_msgs/msg/DiagnosticArray", limits=limits)
+    return {status.name: {pair.key: pair.value for pair in status.values} for status in array.status}
 
 
 def _boxes_topic(camera: str) -> str:

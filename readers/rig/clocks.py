@@ -36,10 +36,7 @@ def is_off(delay_ns: int, usual_ns: int) -> bool:
 def clock_offsets(recording: Recording, delays_ns: Mapping[str, int], usual_ns: int) -> dict[str, int]:
     """Offsets of the stamps of topics whose clock is off and runs on steadily, nanoseconds by topic.
 
-    Args:
-        recording: Open recording.
-        delays_ns: Delay of a message of each topic.
-        usual_ns: The usual delay.
+    `delays_ns` has the delay of a message of each topic; `usual_ns` is the usual delay.
     """
     offsets_ns: dict[str, int] = {}
     for topic in [topic for topic, delay_ns in delays_ns.items() if is_off(delay_ns, usual_ns)]:

@@ -73,12 +73,8 @@ def import_kitti(text: str, path: Path) -> RigFile | None:
 
     Files have P0..P3 (3 x 4, rectified camera 0 to pixel), R0_rect and Tr_velo_to_cam (A. Geiger et al., "Vision meets
     Robotics: The KITTI Dataset", IJRR 2013, equation 8: x = P_i R0_rect Tr_velo_to_cam X). They do not name topics: see
-    `assignment`.
-
-    Args:
-        text: Content of `000008.txt` (object), `calib.txt` (odometry), `calib_cam_to_cam.txt` or
-            `calib_velo_to_cam.txt` (raw).
-        path: Its file; the other raw file must be beside it.
+    `assignment`. `text` is the content of `000008.txt` (object), `calib.txt` (odometry), or `calib_cam_to_cam.txt` or
+    `calib_velo_to_cam.txt` (raw), each with the other one beside it.
 
     Raises:
         CalibrationError: an entry is missing or has the wrong number of values.

@@ -12,42 +12,31 @@ from lidcam.readers.recording import Recording, TopicInfo
 
 _NEBULA = "play the recording into Nebula (launch_hw:=false) and record its PointCloud2"
 _HESAI = (
-    "packets of a Hesai",
-    "play the recording into Hesai's ROS driver (source_type: 3, with the correction file) and record /lidar_points",
+    "play the recording into Hesai's ROS driver (source_type: 3, with the correction file) and record /lidar_points"
 )
-_PANDAR = (
-    "packets of a Hesai",
-    "play the recording into Nebula (launch_hw:=false) or Hesai's ROS driver and record its PointCloud2",
-)
-_ROBOSENSE = (
-    "packets of a RoboSense",
-    "play the recording into rslidar_sdk (msg_source: 2) and record /rslidar_points",
-)
-_SEYOND = (
-    "packets of a Seyond",
-    "turn them into PointCloud2 with Tier IV's bag_converter, or play the recording into Seyond's ROS driver",
-)
-_FLAT = ("scans of a 2D lidar", "lidcam needs the clouds of a 3D one")
-
-_OUSTER = ("packets of an Ouster", "rename the topic to .../lidar_packets, beside .../metadata (ros2 bag play --remap)")
+_PANDAR = "play the recording into Nebula (launch_hw:=false) or Hesai's ROS driver and record its PointCloud2"
+_ROBOSENSE = "play the recording into rslidar_sdk (msg_source: 2) and record /rslidar_points"
+_SEYOND = "turn them into PointCloud2 with Tier IV's bag_converter, or play the recording into Seyond's ROS driver"
+_OUSTER = "rename the topic to .../lidar_packets, beside .../metadata (ros2 bag play --remap)"
+_FLAT = "scans of a 2D lidar", "lidcam needs the clouds of a 3D one"
 
 UNDECODED = {
-    "hesai_lidar/msg/PandarScan": _PANDAR,
-    "hesai_ros_driver/msg/UdpFrame": _HESAI,
+    "hesai_lidar/msg/PandarScan": ("packets of a Hesai", _PANDAR),
+    "hesai_ros_driver/msg/UdpFrame": ("packets of a Hesai", _HESAI),
     "innovusion_msgs/msg/InnovusionScan": ("packets of a Seyond", _NEBULA),
     "nebula_msgs/msg/NebulaPackets": ("packets of a lidar, by Nebula", _NEBULA),
     "ouster_msgs/msg/OusterScan": ("packets of an Ouster, by Nebula", _NEBULA),
-    **dict.fromkeys(OUSTER_PACKETS, _OUSTER),
-    "pandar_msgs/msg/PandarScan": _PANDAR,
+    **dict.fromkeys(OUSTER_PACKETS, ("packets of an Ouster", _OUSTER)),
+    "pandar_msgs/msg/PandarScan": ("packets of a Hesai", _PANDAR),
     "robosense_msgs/msg/RobosenseScan": ("packets of a RoboSense", _NEBULA),
-    "rslidar_msg/msg/RslidarPacket": _ROBOSENSE,
-    "rslidar_msg/msg/RslidarScan": _ROBOSENSE,
-    "rslidar_msg/msg/rslidarScan": _ROBOSENSE,
-    "rslidar_msgs/msg/rslidarScan": _ROBOSENSE,
-    "rslidar_msgs/msg/RslidarScan": _ROBOSENSE,
+    "rslidar_msg/msg/RslidarPacket": ("packets of a RoboSense", _ROBOSENSE),
+    "rslidar_msg/msg/RslidarScan": ("packets of a RoboSense", _ROBOSENSE),
+    "rslidar_msg/msg/rslidarScan": ("packets of a RoboSense", _ROBOSENSE),
+    "rslidar_msgs/msg/rslidarScan": ("packets of a RoboSense", _ROBOSENSE),
+    "rslidar_msgs/msg/RslidarScan": ("packets of a RoboSense", _ROBOSENSE),
     "sensor_msgs/msg/LaserScan": _FLAT,
     "sensor_msgs/msg/MultiEchoLaserScan": _FLAT,
-    "seyond/msg/SeyondScan": _SEYOND,
+    "seyond/msg/SeyondScan": ("packets of a Seyond", _SEYOND),
 }
 """What the messages of a type are, and what to do, by type."""
 

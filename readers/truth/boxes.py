@@ -2,13 +2,11 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
-from lidcam.readers.natural_order import natural_key
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,11 +66,6 @@ def yaw_of(pose: F64) -> float:
     """Heading of the x axis of a pose (4, 4) about +z, in (-pi, pi]; of a tilted one, of its projection."""
     yaw = float(np.arctan2(pose[1, 0], pose[0, 0]))
     return yaw if yaw > -np.pi else float(np.pi)
-
-
-def label_files(folder: Path, ending: str) -> list[Path]:
-    """The files of a folder with this ending, in the order of the numbers in their names."""
-    return sorted(folder.glob(f"*.{ending}"), key=lambda path: natural_key(path.name))
 
 
 def _class_ids(labels: Iterable[str], class_ids: Mapping[str, int]) -> np.ndarray[tuple[int], np.dtype[np.int32]]:

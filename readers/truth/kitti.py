@@ -25,8 +25,9 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.small_files import read_small_text
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 from lidcam.readers.messages.objects import check_boxes
+from lidcam.readers.natural_order import natural_key
 from lidcam.readers.rig.importers import KittiCalibration, kitti_calibration
-from lidcam.readers.truth.boxes import Labelled, Labelled2D, label_files, truth_boxes_2d, truth_boxes_3d
+from lidcam.readers.truth.boxes import Labelled, Labelled2D, truth_boxes_2d, truth_boxes_3d
 from lidcam.readers.truth.source import TruthSource
 
 DONT_CARE = "DontCare"
@@ -174,7 +175,8 @@ class KittiTruth(TruthSource):
 
     def __init__(self, path: Path, rig: Rig, config: Config) -> None:
         folder = path / "label_2" if (path / "label_2").is_dir() else path
-        self._files = label_files(folder, "txt") if folder.is_dir() else [path]
+        in_folder = sorted(folder.glob("*.txt"), key=lambda file: natural_key(file.name))
+        self._files = in_folder if folder.is_dir() else [path]
         if not self._files:
             raise RecordingError(f"{folder}: expected KITTI labels (000000.txt, ...), found none")
         self._rig, self._lidar, self._limits = rig, _lidar_of(rig, path), config.limits

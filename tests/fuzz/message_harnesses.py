@@ -40,13 +40,13 @@ from lidcam.readers.messages.camera_info import camera_model, rectified_camera_m
 from lidcam.readers.messages.compressed_cloud import decode_compressed_cloud
 from lidcam.readers.messages.deserialize import definition_problem, deserialize, typestore_for
 from lidcam.readers.messages.detections import decode_detections2d, decode_detections3d
-from lidcam.readers.messages.diagnostics import decode_diagnostics
 from lidcam.readers.messages.image import decode_any_image
 from lidcam.readers.messages.objects import decode_tracks
 from lidcam.readers.messages.pointcloud import decode_livox, decode_pointcloud
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 from lidcam.readers.messages.tf import decode_odometry, decode_transforms, read_transforms
 from lidcam.readers.messages.to_ros2 import to_ros2
+from lidcam.readers.results.result import decode_diagnostics
 from lidcam.readers.streams.recorded3d import RecordedBoxes3D
 from lidcam.readers.velodyne.decoder import VelodyneDecoders
 from lidcam.readers.velodyne.models import MODELS
