@@ -23,7 +23,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.decoding import decoder
-from lidcam.readers.messages.deserialize import deserialize_as
+from lidcam.readers.messages.deserialize import deserialize_as, pose_numbers
 from lidcam.readers.messages.pointcloud2 import check_points, cloud_of_fields
 
 FOXGLOVE_CLOUD = "foxglove_msgs/msg/CompressedPointCloud"
@@ -146,9 +146,7 @@ def _foxglove_columns(attributes: list[_Attribute], pose: Any, topic: str) -> di
     xyz = next((one.values for one in attributes if one.is_position and one.values.shape[1] == 3), None)
     if xyz is None:
         raise MessageError(f"{topic}: a cloud of Draco without positions of three coordinates")
-    position, turn = (
-        [getattr(part, axis) for axis in names] for part, names in ((pose.position, "xyz"), (pose.orientation, "xyzw"))
-    )
+    position, turn = pose_numbers(pose)
     moved = Transform.from_quaternion("frame", "points", position, turn if any(turn) else [0.0, 0.0, 0.0, 1.0])
     if not np.array_equal(moved.matrix, np.eye(4)):
         xyz = moved.apply(xyz)

@@ -274,6 +274,12 @@ def deserialize_as(message: RawMessage, *msgtypes: str, limits: RecordingLimits 
     return deserialize(message, limits=limits)
 
 
+def pose_numbers(pose: Any) -> tuple[list[float], list[float]]:
+    """Position x, y, z and orientation x, y, z, w of a geometry_msgs/Pose."""
+    at, turn = pose.position, pose.orientation
+    return [at.x, at.y, at.z], [turn.x, turn.y, turn.z, turn.w]
+
+
 def typestore_for(channel: Channel) -> Typestore:
     """The types that this channel's messages contain.
 

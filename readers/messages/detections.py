@@ -27,7 +27,7 @@ from lidcam.pipeline.core.ros.vision_numbers import count_of
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
 from lidcam.readers.messages.decoding import decoder
-from lidcam.readers.messages.deserialize import deserialize_as
+from lidcam.readers.messages.deserialize import deserialize_as, pose_numbers
 from lidcam.readers.messages.objects import FoundObjects, ObjectClasses, check_boxes, found_objects
 from lidcam.readers.messages.tf import clean_frame
 
@@ -301,5 +301,5 @@ def decode_detected_boxes(
 
 def _box_numbers(bbox: Any) -> list[float]:
     """The numbers of a box in the order of `BoxRows.boxes`."""
-    at, turn, size = bbox.center.position, bbox.center.orientation, bbox.size
-    return [at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w, size.x, size.y, size.z]
+    position, orientation = pose_numbers(bbox.center)
+    return [*position, *orientation, bbox.size.x, bbox.size.y, bbox.size.z]

@@ -22,7 +22,7 @@ from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLim
 from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
 from lidcam.pipeline.detectors.onnx.class_names import COCO_LABELS
 from lidcam.readers.messages.decoding import decoder
-from lidcam.readers.messages.deserialize import deserialize_as
+from lidcam.readers.messages.deserialize import deserialize_as, pose_numbers
 from lidcam.readers.messages.tf import clean_frame
 
 AUTOWARE_LABELS = (
@@ -179,9 +179,8 @@ def _label(one: Any) -> str | None:
 
 def _numbers(one: Any) -> F64:
     """(10,) position, orientation and size of the box around an object."""
-    pose, size = one.kinematics.pose_with_covariance.pose, one.shape.dimensions
-    at = np.array([pose.position.x, pose.position.y, pose.position.z])
-    turn = np.array([pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w])
+    size = one.shape.dimensions
+    at, turn = map(np.array, pose_numbers(one.kinematics.pose_with_covariance.pose))
     if one.kinematics.orientation_availability == UNAVAILABLE and not turn.any():
         turn = np.array([0.0, 0.0, 0.0, 1.0])
     extent = np.array([size.x, size.y, size.z])

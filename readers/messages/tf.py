@@ -22,7 +22,7 @@ from lidcam.pipeline.core.geometry.transform_tree import TransformTree
 from lidcam.pipeline.core.messages import Drop, RawMessage
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.decoding import decoder
-from lidcam.readers.messages.deserialize import deserialize_as
+from lidcam.readers.messages.deserialize import deserialize_as, pose_numbers
 from lidcam.readers.messages.registry import types_of
 from lidcam.readers.recording import Recording
 
@@ -40,14 +40,8 @@ def decode_odometry(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LI
     parent, child = clean_frame(odometry.header.frame_id), clean_frame(odometry.child_frame_id)
     if not parent or parent == child:
         raise MessageError(f"{message.topic}: expected two frame names, found frame_id {parent!r}, child {child!r}")
-    position, orientation = odometry.pose.pose.position, odometry.pose.pose.orientation
     try:
-        return Transform.from_quaternion(
-            parent,
-            child,
-            [position.x, position.y, position.z],
-            [orientation.x, orientation.y, orientation.z, orientation.w],
-        )
+        return Transform.from_quaternion(parent, child, *pose_numbers(odometry.pose.pose))
     except FrameError as err:
         raise MessageError(f"{message.topic}: {err}") from err
 

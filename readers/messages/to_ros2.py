@@ -26,7 +26,7 @@ from lidcam.pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, COUNT_NUMBE
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.messages.decoding import decoder
-from lidcam.readers.messages.deserialize import deserialize, type_parts, typestore_for
+from lidcam.readers.messages.deserialize import deserialize, pose_numbers, type_parts, typestore_for
 
 HEADER = "std_msgs/msg/Header"
 
@@ -189,5 +189,4 @@ def _header(recorded: Any) -> Any:
 
 
 def _pose(recorded: Any) -> Any:
-    position, orientation = recorded.position, recorded.orientation
-    return ROS2.pose((position.x, position.y, position.z), (orientation.x, orientation.y, orientation.z, orientation.w))
+    return ROS2.pose(*pose_numbers(recorded))

@@ -32,6 +32,11 @@ class AssignedCamera(NamedTuple):
     topics: CameraTopics
     entry: CameraEntry
 
+    @property
+    def topic(self) -> str:
+        """The topic of its images, else of its boxes."""
+        return self.topics.topic
+
 
 def assign_lidars(
     entries: Mapping[str, LidarEntry] | None, topics: Sequence[str], recording: Recording, findings: Findings

@@ -78,10 +78,7 @@ def calibrated_rig(found: FoundSensors) -> Discovery:
                 camera_sensors[sensor.name] = camera
                 frames.sensors[sensor.name] = camera.T_camera_site.inverse()
         except LidcamError as err:
-            if isinstance(sensor, AssignedLidar):
-                of_lidars.leave_out(sensor.name, sensor.topic, err)
-            else:
-                of_cameras.leave_out(sensor.name, sensor.topics.topic, err)
+            (of_lidars if isinstance(sensor, AssignedLidar) else of_cameras).leave_out(sensor.name, sensor.topic, err)
         else:
             sources[sensor.name] = source
     if not lidar_sensors and not found.detectors:
@@ -188,17 +185,10 @@ def _with_clocks_set(rig: Rig, found: FoundSensors) -> tuple[Rig, int, list[str]
     usual_ns = usual_delay_ns(delays_ns.values())
     offsets_ns = clock_offsets(found.recording, delays_ns, usual_ns)
     moved = {name: offsets_ns[topic] for name, (topic, _) in topics.items() if topic in offsets_ns}
-    if not moved:
-        return rig, usual_ns, []
-    return (
-        replace(
-            rig,
-            lidars=tuple(replace(one, time_offset_ns=moved.get(one.name, one.time_offset_ns)) for one in rig.lidars),
-            cameras=tuple(replace(one, time_offset_ns=moved.get(one.name, one.time_offset_ns)) for one in rig.cameras),
-        ),
-        usual_ns,
-        [clock_note(name, offset_ns) for name, offset_ns in moved.items()],
-    )
+    lidars = tuple(replace(one, time_offset_ns=moved.get(one.name, one.time_offset_ns)) for one in rig.lidars)
+    cameras = tuple(replace(one, time_offset_ns=moved.get(one.name, one.time_offset_ns)) for one in rig.cameras)
+    notes = [clock_note(name, offset_ns) for name, offset_ns in moved.items()]
+    return replace(rig, lidars=lidars, cameras=cameras), usual_ns, notes
 
 
 def parents_first(sensors: Sequence[Assigned]) -> list[Assigned]:

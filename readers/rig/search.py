@@ -92,12 +92,17 @@ def find_sensors(
     named_topics |= {entry.boxes_topic for entry in camera_entries}
     lidar_topics = find_lidar_topics(recording, config.topics, first, of_lidars, transforms, of_rig=named_topics)
     lidars = assign_lidars(rig_file.lidars, lidar_topics, recording, of_lidars)
-    if not lidars and not detectors and rig_file.lidars == {}:
-        raise CalibrationError("the rig file says `lidars: {}`, no lidar: name one, or leave `lidars` out to use all")
-    if not lidars and not detectors and config.topics.lidars == ():
-        raise CalibrationError("the settings say `topics.lidars: []`, no lidar: name one, or leave it out to use all")
-    if not lidars and not detectors and not of_lidars.faults:
-        raise RecordingError(_no_clouds(recording, config, of_detectors))
+    if not lidars and not detectors:
+        if rig_file.lidars == {}:
+            raise CalibrationError(
+                "the rig file says `lidars: {}`, no lidar: name one, or leave `lidars` out to use all"
+            )
+        if config.topics.lidars == ():
+            raise CalibrationError(
+                "the settings say `topics.lidars: []`, no lidar: name one, or leave it out to use all"
+            )
+        if not of_lidars.faults:
+            raise RecordingError(_no_clouds(recording, config, of_detectors))
     camera_topics = find_camera_topics(
         recording, config.topics, first, of_cameras, limits=config.limits, of_rig=named_topics
     )

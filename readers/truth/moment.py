@@ -1,7 +1,7 @@
 """The true objects at one moment, from a message, and as a camera sees them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -33,10 +33,6 @@ class Moment:
         """The given rows (mask or indices), in that order."""
         pixels = {camera: counts[rows] for camera, counts in self.camera_pixels.items()}
         return Moment(self.boxes.select(rows), pixels)
-
-    def ignoring_all(self) -> "Moment":
-        """The same objects, all neither misses nor errors."""
-        return replace(self, boxes=replace(self.boxes, is_ignored=np.ones(len(self.boxes), np.bool_)))
 
 
 def class_ids_of(labels: Names, class_ids: Mapping[str, int]) -> I32:

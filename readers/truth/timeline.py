@@ -134,8 +134,9 @@ def _interpolated(stamp_ns: int, first: Moment, second: Moment) -> Moment:
     moved = replace(near, boxes=boxes)
     if len(others) == len(far.boxes):
         return moved
-    lone = np.setdiff1d(np.arange(len(far.boxes)), others)
-    return _joined(moved, _placed(far.select(lone).ignoring_all(), stamp_ns))
+    lone = far.select(np.setdiff1d(np.arange(len(far.boxes)), others))
+    ignored = replace(lone.boxes, stamp_ns=stamp_ns, is_ignored=np.ones(len(lone.boxes), np.bool_))
+    return _joined(moved, replace(lone, boxes=ignored))
 
 
 def _same(near: TruthBoxes3D, far: TruthBoxes3D) -> tuple[Indices, Indices]:

@@ -51,7 +51,7 @@ def find_camera_topics(
     boxes = [info.topic for info in topics_with_messages(recording, BOXES, config) if not info.unreadable]
     if config.cameras is not None:
         images = configured_topics(recording, config.cameras, IMAGE | BOXES, "camera", findings)
-        named = [t for t in images if _types(recording, t) <= BOXES]
+        named = [topic for topic in images if topic not in readable_topics(recording, IMAGE)]
         images = [t for t in images if t not in named]
         boxes = [*dict.fromkeys([*named, *boxes])]
         only_boxes_allowed = set(config.cameras)
@@ -84,10 +84,6 @@ def find_camera_topics(
         CameraTopics(image, _best(image or boxes, calibrations, frames, single=len(cameras) == 1), boxes)
         for image, boxes in cameras
     ]
-
-
-def _types(recording: Recording, topic: str) -> set[str]:
-    return {info.msgtype for info in recording.topics if info.topic == topic}
 
 
 def _one_per_camera(infos: Sequence[TopicInfo], first: FirstMessages, notes: list[str]) -> list[str]:
