@@ -2,7 +2,7 @@
 
 Whole pages are fetched and kept in a temporary file: nothing is fetched twice until that is full, and memory does not
 grow. Sequential reading doubles what is fetched at once, up to a maximum. On web servers each request names the version
-of the file that was opened.
+of the file that was opened. What cannot be fetched raises a `RecordingError` that says why, without secrets.
 """
 
 import errno
@@ -65,9 +65,6 @@ class RemoteFile(io.BufferedIOBase):
         path: The same, with the facts that the server gave.
         size: Size in bytes.
         is_wanted_whole: Whether the whole file will be read: then each request fetches as much as possible.
-
-    Raises:
-        RecordingError: it cannot be reached, does not exist, has no known size, or an extra is not installed.
     """
 
     def __init__(self, path: RemotePath, limits: RecordingLimits = DEFAULT_LIMITS) -> None:
@@ -100,12 +97,7 @@ class RemoteFile(io.BufferedIOBase):
         return position
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """The next `size` bytes, or all that are left by default.
-
-        Raises:
-            RecordingError: they cannot be fetched; says why.
-            ValueError: the file was closed.
-        """
+        """The next `size` bytes, or all that are left by default."""
         if self.closed:
             raise ValueError("read of a closed file")
         left = max(self.size - self._position, 0)
@@ -216,11 +208,7 @@ class RemoteFile(io.BufferedIOBase):
 
 
 def open_remote(path: RemotePath, limits: RecordingLimits = DEFAULT_LIMITS) -> tuple[RemotePath, BinaryIO]:
-    """Open a file on a server; returns its path with the facts that the server gave, and a stream.
-
-    Raises:
-        RecordingError: it cannot be read; says why.
-    """
+    """Open a file on a server; returns its path with the facts that the server gave, and a stream."""
     remote = RemoteFile(path, limits)
     return remote.path, cast("BinaryIO", remote)
 
@@ -234,11 +222,7 @@ def warn_of_full_read(stream: BinaryIO, because: str) -> None:
 
 
 def file_system(path: RemotePath, max_request_s: float = DEFAULT_LIMITS.max_request_s) -> Any:
-    """The file system of fsspec for a protocol.
-
-    Raises:
-        RecordingError: the protocol is unknown, or what it needs is not installed.
-    """
+    """The file system of fsspec for a protocol."""
     if path.protocol not in EXTRAS:
         raise RecordingError(f"{path}: lidcam reads https://, http:// and s3://, found {path.protocol}://")
     try:

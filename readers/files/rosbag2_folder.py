@@ -105,14 +105,12 @@ def folder_metadata(folder: Path, *, is_recording: bool = True) -> FolderMetadat
         mode = str(information.get("compression_mode") or "").lower()
         compression = information.get("compression_format") or ""
         distro = str(information.get("ros_distro") or "")
-    except (LookupError, TypeError, AttributeError) as err:
+    except (LookupError, TypeError, AttributeError, OSError, yaml.YAMLError, ValueError) as err:
         if not is_recording:
             return FolderMetadata()
-        raise RecordingError(f"{expected}, found something else; {remedy}") from err
-    except (OSError, yaml.YAMLError, ValueError) as err:
-        if not is_recording:
-            return FolderMetadata()
-        raise RecordingError(f"{expected}, found {type(err).__name__}: {one_line(err)}; {remedy}") from err
+        is_other = isinstance(err, LookupError | TypeError | AttributeError)
+        found = "something else" if is_other else f"{type(err).__name__}: {one_line(err)}"
+        raise RecordingError(f"{expected}, found {found}; {remedy}") from err
     if mode in {"message", "file"} and compression != "zstd":
         raise RecordingError(
             f"{path}: expected compression zstd, found {compression!r}; convert it with `ros2 bag convert`"

@@ -8,6 +8,8 @@ baseline of a stereo pair, which the extrinsics already contain.
 Converters of data sets write rectified images under a raw topic's name, with the K and D of the camera that they were
 rectified from (kitti2bag: of 1392 x 512 pixels, for images of 1242 x 375), or with no K at all. Then P alone is the
 calibration of the images.
+
+A field that is missing and a value that is not valid raise a `CalibrationError`.
 """
 
 from collections.abc import Iterator
@@ -73,11 +75,7 @@ def _other_fields_told() -> Iterator[None]:
 
 @_other_fields_told()
 def camera_model(info: Any, *, frame_id: str = "") -> CameraModel:
-    """Intrinsics of the raw image: K and the lens distortion, for the part of the sensor that was read out.
-
-    Raises:
-        CalibrationError: the camera is uncalibrated (K[0] = 0), a field is missing, or a value is invalid.
-    """
+    """Intrinsics of the raw image: K and the lens distortion, for the part of the sensor that was read out."""
     model, coefficients = distortion_model(info.distortion_model, _field(info, "d"))
     K = _field(info, "k").reshape(3, 3)
     if K[0, 0] == 0:
@@ -87,11 +85,7 @@ def camera_model(info: Any, *, frame_id: str = "") -> CameraModel:
 
 @_other_fields_told()
 def rectified_reason(info: Any) -> str:
-    """Why P without distortion is the calibration of images that are not called rectified; empty if it is not.
-
-    Raises:
-        CalibrationError: a field is missing.
-    """
+    """Why P without distortion is the calibration of images that are not called rectified; empty if it is not."""
     K, P = _field(info, "k").reshape(3, 3), _field(info, "p").reshape(3, 4)
     if P[0, 0] <= 0:
         return ""
@@ -117,9 +111,6 @@ def rectified_camera_model(info: Any, *, frame_id: str = "", is_turned: bool = T
     Returns:
         The model (K = P[:, :3], no distortion) and T_rectified_camera. The rectified frame is `<frame>_rectified`, or
         the camera's frame if R is the identity.
-
-    Raises:
-        CalibrationError: P[0] is 0, R is not a rotation, a field is missing, or a value is invalid.
     """
     K = _field(info, "p").reshape(3, 4)[:, :3].copy()
     if K[0, 0] == 0:

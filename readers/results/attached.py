@@ -1,4 +1,7 @@
-"""The settings, the rig and the summary of a result, from the texts that are attached to it."""
+"""The settings, the rig and the summary of a result, from the texts that are attached to it.
+
+A text of another kind raises a `RecordingError`, a rig that does not fit a `CalibrationError`.
+"""
 
 import json
 from itertools import takewhile
@@ -30,9 +33,6 @@ def attached_config(text: str, path: Path, version: str) -> tuple[Config, tuple[
 
     Other versions of lidcam have other settings: a key that is missing gets its default, one that is unknown, or has a
     value that does not fit any more, is left out.
-
-    Raises:
-        RecordingError: the text is not a tree of settings.
     """
     tree = _tree(text, path, CONFIG)
     left_out: list[str] = []
@@ -62,12 +62,7 @@ def attached_summary(text: str, path: Path) -> dict[str, Any]:
 
 
 def attached_rig(text: str, path: Path, config: Config) -> Rig:
-    """The rig of a result.
-
-    Raises:
-        RecordingError: the text is not a rig file.
-        CalibrationError: it does not fit, or a sensor is not fully calibrated, as a result's always are.
-    """
+    """The rig of a result."""
     rig_file = parse_rig(_tree(text, path, RIG), path)
     site = rig_file.site_frame
     lidars = [_lidar(name, entry, site, path) for name, entry in (rig_file.lidars or {}).items()]

@@ -1,4 +1,8 @@
-"""The calibration of one sensor, from its entry in the rig file and from the recording."""
+"""The calibration of one sensor, from its entry in the rig file and from the recording.
+
+What is missing or not valid raises a `CalibrationError`; a `FrameError` says that tf does not join the frames, a
+`MessageError` that no message of the sensor, or no CameraInfo of it, can be decoded.
+"""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
@@ -131,13 +135,7 @@ class Frames:
 def calibrate_lidar(
     lidar: AssignedLidar, frame: str, frames: Frames, first: FirstMessages
 ) -> tuple[LidarSensor, SensorSource]:
-    """A lidar with the pose of the rig file, else of tf.
-
-    Raises:
-        CalibrationError: the pose is missing or not valid.
-        FrameError: tf does not join the frames.
-        MessageError: no cloud of the lidar can be decoded.
-    """
+    """A lidar with the pose of the rig file, else of tf."""
     first.decoded(lidar.topic, CLOUD)
     entry, site = lidar.entry, frames.site
     check_complete(entry)
@@ -170,11 +168,6 @@ def calibrate_camera(
     """A camera with intrinsics of the rig file, else of CameraInfo, and extrinsics of the rig file, else of tf.
 
     The third item is a remark on them; it may be empty.
-
-    Raises:
-        CalibrationError: one of them is missing or not valid.
-        FrameError: tf does not join the frames.
-        MessageError: no image, or no CameraInfo, of the camera can be decoded.
     """
     topics = camera.topics
     if topics.image:
@@ -242,10 +235,6 @@ def camera_extrinsics(camera: AssignedCamera, frame: str, frames: Frames) -> tup
 
     A frame of tf that looks up into the sky if taken as an optical one is that of the camera's body (REP 103: x
     forward, z up), with which many drivers stamp images.
-
-    Raises:
-        CalibrationError: the pose is missing or not valid.
-        FrameError: tf does not join the frames.
     """
     entry = camera.entry
     if not entry.has_pose:

@@ -1,4 +1,7 @@
-"""Calibration files of other systems as rig files; the content says which a file is, not its name."""
+"""Calibration files of other systems as rig files; the content says which a file is, not its name.
+
+Entries that are missing, or have the wrong number of numbers or none, raise a `CalibrationError`.
+"""
 
 import re
 from collections.abc import Mapping
@@ -31,11 +34,7 @@ def camera_entry(T_camera_site: F64, projection: F64) -> CameraEntry:
 
 
 def shaped(path: Path, name: str, value: Any, shape: tuple[int, int]) -> F64:
-    """Numbers of a file as an array of `shape`.
-
-    Raises:
-        CalibrationError: there are more or fewer of them, or other things.
-    """
+    """Numbers of a file as an array of `shape`."""
     try:
         matrix = np.array(value, np.float64)
     except (TypeError, ValueError):
@@ -75,9 +74,6 @@ def import_kitti(text: str, path: Path) -> RigFile | None:
     Robotics: The KITTI Dataset", IJRR 2013, equation 8: x = P_i R0_rect Tr_velo_to_cam X). They do not name topics: see
     `assignment`. `text` is the content of `000008.txt` (object), `calib.txt` (odometry), or `calib_cam_to_cam.txt` or
     `calib_velo_to_cam.txt` (raw), each with the other one beside it.
-
-    Raises:
-        CalibrationError: an entry is missing or has the wrong number of values.
     """
     calibration = kitti_calibration(text, path)
     if calibration is None:
@@ -169,9 +165,6 @@ def import_camera_info(tree: Mapping[str, Any], path: Path) -> RigFile | None:
 
     The topic of the images says whether they are raw (K and D) or rectified (R and P), as with a recorded CameraInfo.
     Source: http://wiki.ros.org/camera_calibration_parsers. `narrow_stereo/left` becomes `narrow_stereo_left`.
-
-    Raises:
-        CalibrationError: a value is missing or has the wrong number of numbers.
     """
     if not {"image_width", "image_height", "camera_matrix"} <= set(tree):
         return None
@@ -206,9 +199,6 @@ def import_kalibr(tree: Mapping[str, Any], path: Path) -> RigFile | None:
     `timeshift_cam_imu` is not used: it relates the clocks of camera and IMU, not those of camera and lidar.
 
     Cameras of a model that lidcam cannot project with are kept without intrinsics, and become faults of the rig.
-
-    Raises:
-        CalibrationError: a value is missing or has the wrong number of numbers.
     """
     chain = {
         str(name): camera
@@ -278,9 +268,6 @@ def import_autoware(tree: Mapping[str, Any], path: Path) -> RigFile | None:
     Below the frames of the files, Autoware's URDF has one more: of `NAME_link` of a camera, `NAME_optical_link`, turned
     by roll -90 and yaw -90 degrees (tier4/sensor_component_description, monocular_camera.xacro; REP 103), which is
     added here; of `NAME_base_link` of a lidar, `NAME`, at a height that depends on its model, which is not.
-
-    Raises:
-        CalibrationError: a value is no number, or a frame has two parents.
     """
     rows = [row for row in tree.values() if isinstance(row, Mapping)]
     poses = [pose for row in rows for pose in row.values()]

@@ -1,4 +1,4 @@
-"""The intrinsics of one camera, from its entry in the rig file or from its CameraInfo."""
+"""The intrinsics of one camera, from its entry in the rig file or from its CameraInfo; errors as of `calibration`."""
 
 from typing import NamedTuple
 
@@ -75,12 +75,7 @@ def recorded_size(topics: CameraTopics, first: FirstMessages) -> tuple[int, int]
 
 
 def camera_intrinsics(entry: CameraEntry, topics: CameraTopics, frame: str, first: FirstMessages) -> Lens:
-    """Intrinsics of the rig file, else of CameraInfo; `frame` is the camera's, empty if none is known.
-
-    Raises:
-        CalibrationError: they are missing or not valid, or not for images of the recorded size.
-        MessageError: no CameraInfo of the camera can be decoded.
-    """
+    """Intrinsics of the rig file, else of CameraInfo; `frame` is the camera's, empty if none is known."""
     if {"K", "P", "camera_info"} & entry.given:
         frame = frame or f"{transport_free(topics.topic).strip('/').replace('/', '_')}_optical"
     if {"K", "P"} & entry.given:

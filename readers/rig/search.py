@@ -227,9 +227,10 @@ def _no_clouds(recording: Recording, config: Config, of_detectors: Findings) -> 
         f"{', '.join(str(path) for path in recording.paths)}: expected a topic of lidar clouds ({CLOUD_TYPES}){apart}"
     )
     if config.detect3d.method == "recorded":
+        because = "".join(f"; {fault.topic}: {fault.reason}" for fault in of_detectors.faults[:MAX_LISTED])
         return (
             f"{expected}, or of 3D boxes ({' or '.join(sorted(BOXES_3D))}) that are neither truth nor lidcam's own, "
-            f"found neither{_because(of_detectors)}; name one with topics.boxes3d"
+            f"found neither{because}; name one with topics.boxes3d"
         )
     if boxes := usable_boxes(recording, config.topics):
         return (
@@ -241,10 +242,6 @@ def _no_clouds(recording: Recording, config: Config, of_detectors: Findings) -> 
     there = any(info.msgtype in CLOUD for info in recording.topics)
     remedy = "see topics.exclude and topics.lidars of the settings" if there else "record the clouds of the driver, too"
     return f"{expected}; found topics: {_listed(recording.topics) or 'none'}; {remedy}"
-
-
-def _because(findings: Findings) -> str:
-    return "".join(f"; {fault.topic}: {fault.reason}" for fault in findings.faults[:MAX_LISTED])
 
 
 def _listed(topics: Sequence[TopicInfo]) -> str:

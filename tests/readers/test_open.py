@@ -5,11 +5,11 @@ import os
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pytest
-from builders import header, image, odometry, raw, write_mcap, write_rosbag1, write_rosbag2
+from builders import header, image, odometry, raw, write_mcap, write_recording
 from helpers import shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -53,21 +53,8 @@ def read(
 
 
 def write(folder: Path, kind: str, messages: Sequence[RawMessage], name: str = "rec") -> Path:
-    form, _, how = kind.partition("-")
-    compression: Any = how
-    if form == "bag":
-        path = folder / f"{name}.bag"
-        write_rosbag1(path, messages, compression, chunk_bytes=2000)
-    elif form == "mcap":
-        path = folder / f"{name}.mcap"
-        write_mcap(path, messages, compression, chunk_bytes=2000)
-    elif form == "loose":
-        path = folder / f"{name}.mcap"
-        write_mcap(path, messages, use_chunking=False)
-    else:
-        path = folder / name
-        write_rosbag2(path, messages, "mcap" if form == "folder:mcap" else "sqlite3", compression)
-    return path
+    ending = ".bag" if kind.startswith("bag") else "" if kind.startswith("folder") else ".mcap"
+    return write_recording(folder / f"{name}{ending}", kind, messages, chunk_bytes=2000)
 
 
 ROS1_KINDS = ["bag-none", "bag-bz2", "bag-lz4", "mcap-lz4"]

@@ -341,6 +341,19 @@ def write_rosbag2(
     _write_all(writer, raws, added)
 
 
+def write_recording(path: Path, kind: str, raws: Iterable[RawMessage], *, chunk_bytes: int = 1 << 20) -> Path:
+    """A recording of a kind: `bag-lz4`, `mcap-zstd`, `loose` (an MCAP without chunks), `folder:sqlite3-file`."""
+    form, _, how = kind.partition("-")
+    compression: Any = how or "none"
+    if form == "bag":
+        write_rosbag1(path, raws, compression, chunk_bytes=chunk_bytes)
+    elif form in {"mcap", "loose"}:
+        write_mcap(path, raws, compression, chunk_bytes=chunk_bytes, use_chunking=form == "mcap")
+    else:
+        write_rosbag2(path, raws, "mcap" if form == "folder:mcap" else "sqlite3", compression)
+    return path
+
+
 def _write_all(writer: Any, raws: Iterable[RawMessage], added: Callable[[Channel], Any]) -> None:
     connections: dict[Channel, Any] = {}
     with writer:

@@ -156,11 +156,6 @@ class Record(NamedTuple):
         return self.content + self.size
 
 
-def listed_messages(index: Record) -> int:
-    """Number of messages that the index of a chunk lists."""
-    return (index.size - INDEX_HEAD.size) // PAIR_BYTES
-
-
 def record_at(stream: BinaryIO, position: int, end: int) -> Record | None:
     """The record at `position`; None if no complete record begins there."""
     record = _frame_at(stream, position, end)

@@ -15,9 +15,11 @@ from lidcam.readers.files.container import read_exactly
 from lidcam.readers.files.damage import LIBRARY_ERRORS, Losses
 from lidcam.readers.files.decompress import check_file_size
 from lidcam.readers.files.mcap.records import (
+    INDEX_HEAD,
     MAGIC_BYTES,
     MESSAGE_HEAD,
     OPCODES,
+    PAIR_BYTES,
     RECORD_HEAD,
     Contents,
     Record,
@@ -25,7 +27,6 @@ from lidcam.readers.files.mcap.records import (
     entry_of,
     find_record,
     is_summary_sound,
-    listed_messages,
     load_chunk,
     read_chunk_head,
     record_at,
@@ -169,7 +170,7 @@ class _Scan:
                 if is_summary_sound(self._stream):
                     self._total = count
         elif opcode == Opcode.MESSAGE_INDEX and self._last_chunk is not None:
-            self._listed[self._last_chunk] += listed_messages(record)
+            self._listed[self._last_chunk] += (record.size - INDEX_HEAD.size) // PAIR_BYTES
 
     def _take_messages(self, record: Record) -> None:
         """Take a message or a chunk, or note that it is damaged."""

@@ -9,7 +9,16 @@ from typing import Any, Literal
 
 import pytest
 import zstandard
-from builders import odometry, raw, tf_message, transform_stamped, write_mcap, write_rosbag1, write_rosbag2
+from builders import (
+    odometry,
+    raw,
+    tf_message,
+    transform_stamped,
+    write_mcap,
+    write_recording,
+    write_rosbag1,
+    write_rosbag2,
+)
 from memory_recording import MemoryRecording
 
 from lidcam.pipeline.core.errors import FrameError, MessageError, RecordingError
@@ -90,14 +99,7 @@ def test_a_message_that_unpacks_to_too_much(
 def test_a_message_that_is_too_large(tmp_path: Path, kind: str) -> None:
     messages = states(3, "ros1" if kind == "bag" else "cdr")
     messages[1] = messages[1]._replace(data=bytes(2 * MIB))
-    path = tmp_path / "rec"
-    if kind == "bag":
-        write_rosbag1(path, messages)
-    elif kind == "loose":
-        write_mcap(path, messages, use_chunking=False)
-    else:
-        write_rosbag2(path, messages)
-    times, losses = read(path, RecordingLimits(max_message_mib=1))
+    times, losses = read(write_recording(tmp_path / "rec", kind, messages), RecordingLimits(max_message_mib=1))
     assert times == [1, 3]
     assert "limit_scale" in losses[-1]
 
@@ -117,17 +119,14 @@ def test_a_chunk_of_too_many_messages(tmp_path: Path, how: Literal["none", "zstd
 
 
 @pytest.mark.parametrize("how", ["whole", "cut", "overlapping"])
-@pytest.mark.parametrize("kind", ["bag", "mcap"])
+@pytest.mark.parametrize("kind", ["bag-bz2", "mcap-zstd"])
 def test_chunks_that_unpack_to_too_much(tmp_path: Path, kind: str, how: str) -> None:
     path, takes_turns = tmp_path / "a", how == "overlapping"
-    messages = states(24, "ros1" if kind == "bag" else "cdr")
+    messages = states(24, "ros1" if kind == "bag-bz2" else "cdr")
     messages = [m._replace(data=bytes((3 if takes_turns else 1) * MIB)) for m in messages]
     if takes_turns:  # two chunks, too large to be kept together, of which the messages take turns
         messages = [m._replace(log_time_ns=1 + i % 12 * 2 + i // 12) for i, m in enumerate(messages)]
-    if kind == "bag":
-        write_rosbag1(path, messages, "bz2", chunk_bytes=(35 if takes_turns else 2) * MIB)
-    else:
-        write_mcap(path, messages, "zstd", chunk_bytes=(35 if takes_turns else 2) * MIB)
+    write_recording(path, kind, messages, chunk_bytes=(35 if takes_turns else 2) * MIB)
     if how == "cut":
         path.write_bytes(path.read_bytes()[:-1])
     limits = RecordingLimits(max_unpacked_file_gib=(150 if takes_turns else 16) / 1024)

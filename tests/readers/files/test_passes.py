@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from builders import pointcloud2, raw, write_mcap, write_rosbag1, write_rosbag2
+from builders import pointcloud2, raw, write_mcap, write_recording
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import IndexType
@@ -72,16 +72,10 @@ def messages(encoding: str, *spans_ms: tuple[int, int]) -> list[RawMessage]:
     ]
 
 
-@pytest.mark.parametrize("container", ["rosbag1", "sqlite3", "mcap", "mcap, one chunk", "mcap without chunks"])
-def test_passes_are_read_one_after_the_other(tmp_path: Path, container: str) -> None:
-    recorded = messages("ros1" if container == "rosbag1" else "cdr", (0, 3000), (1000, 2500))
-    if container == "rosbag1":
-        write_rosbag1(path := tmp_path / "a.bag", recorded, chunk_bytes=2000)
-    elif container == "sqlite3":
-        write_rosbag2(path := tmp_path / "a", recorded)
-    else:
-        size = 1 << 20 if "one" in container else 2000
-        write_mcap(path := tmp_path / "a.mcap", recorded, chunk_bytes=size, use_chunking="without" not in container)
+@pytest.mark.parametrize("kind", ["bag", "sqlite3", "mcap", "mcap-none", "loose"])
+def test_passes_are_read_one_after_the_other(tmp_path: Path, kind: str) -> None:
+    recorded = messages("ros1" if kind == "bag" else "cdr", (0, 3000), (1000, 2500))
+    path = write_recording(tmp_path / "a", kind, recorded, chunk_bytes=1 << 20 if kind == "mcap-none" else 2000)
     with open_recording([path]) as recording:
         read = [m.log_time_ns for m in recording.messages()]
         some = [m.log_time_ns for m in recording.messages(["/lidar1"], start_ns=START_NS + 2000 * MS)]
