@@ -1,4 +1,4 @@
-"""Inputs identified by size and checksum."""
+"""Inputs identified by size and checksum; one that cannot be read raises a `RecordingError`."""
 
 import math
 import os
@@ -66,11 +66,7 @@ class InputFile(NamedTuple):
 
 
 def read_input_file(path: Location) -> InputFile:
-    """A file with its checksum; one on a server is not fetched as a whole for it.
-
-    Raises:
-        RecordingError: it cannot be read.
-    """
+    """A file with its checksum; one on a server is not fetched as a whole for it."""
     if isinstance(path, RemotePath):
         return InputFile.unread(path)
     try:
@@ -143,11 +139,7 @@ class InputFiles:
             self._add_step(STEP_BYTES)
 
     def finish(self) -> tuple[InputFile, ...]:
-        """The files as they were read, with their checksums; a file that was changed meanwhile has none.
-
-        Raises:
-            RecordingError: a file cannot be read.
-        """
+        """The files as they were read, with their checksums; a file that was changed meanwhile has none."""
         if self._whole is None:
             while self._due < self._total:
                 self._add_step(STEP_BYTES)

@@ -62,10 +62,8 @@ def open_recording(paths: Sequence[Location], options: ReadOptions = DEFAULT_REA
     Formats are recognised by the first bytes, not by the name. MCAP files may be on a server; only the parts that are
     needed are fetched.
 
-    Args:
-        paths: A file, a ROS 2 bag folder, or all files of a split recording in their order, which is that of messages
-            of equal log time.
-        options: How to read it.
+    `paths` are a file, a ROS 2 bag folder, or all files of a split recording in their order, which is that of messages
+    of equal log time.
 
     Raises:
         RecordingError: a path is not a recording, contains nothing that can be read, or is given twice, or ROS 1 and

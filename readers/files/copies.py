@@ -20,11 +20,7 @@ from lidcam.readers.files.damage import Losses
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """A new folder in the system's temporary folder; removed at the end of the block, or when a signal ends the run.
-
-    Raises:
-        OSError: it cannot be made.
-    """
+    """A new folder in the system's temporary folder; removed at the end of the block, or when a signal ends the run."""
     with (
         TemporaryDirectory(prefix="lidcam-", ignore_cleanup_errors=True) as folder,
         undone_at_once(partial(shutil.rmtree, folder, ignore_errors=True)),
@@ -48,9 +44,6 @@ def unpacked(
     """The content of a zstd-compressed file (rosbag2's compression mode `file`), as a file in a temporary folder.
 
     What comes before damage is used.
-
-    Raises:
-        RecordingError: it unpacks to more, or to more than the temporary folder has space for.
     """
     folder = stack.enter_context(temporary_folder())
     copy = folder / path.with_suffix("").name

@@ -37,11 +37,7 @@ def check_chunk_size(size: int, largest: int) -> None:
 
 
 def check_file_size(path: Location, unpacked: int, packed: int, limits: RecordingLimits) -> None:
-    """Refuse a file of `packed` bytes whose chunks unpack to too many in one reading, each as often as it is read.
-
-    Raises:
-        RecordingError: these are too many.
-    """
+    """Refuse a file of `packed` bytes whose chunks unpack to too many in one reading, each as often as it is read."""
     largest = limits.max_unpacked_bytes(packed)
     if unpacked > largest:
         raise RecordingError(

@@ -1,4 +1,7 @@
-"""ROS 2 bag folders: their files, and the content of metadata.yaml."""
+"""ROS 2 bag folders: their files, and the content of metadata.yaml.
+
+A folder without them, or with others than metadata.yaml lists, raises a `RecordingError` that says what to do.
+"""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -33,11 +36,7 @@ class FolderMetadata:
 
 
 def unlisted_files(folder: Path) -> tuple[Path, ...]:
-    """Files of a bag folder of the kind that metadata.yaml lists, which it does not list.
-
-    Raises:
-        RecordingError: metadata.yaml cannot be read.
-    """
+    """Files of a bag folder of the kind that metadata.yaml lists, which it does not list."""
     names = {_unpacked_name(name) for name in folder_metadata(folder).file_names}
     suffixes = {Path(name).suffix for name in names}
     files = [file for file in folder.iterdir() if _is_storage(file) and _storage_suffix(file) in suffixes]
@@ -46,11 +45,7 @@ def unlisted_files(folder: Path) -> tuple[Path, ...]:
 
 
 def recording_files(folder: Path) -> tuple[Path, ...]:
-    """The files of a bag folder in recording order: those that metadata.yaml lists, else all, by their numbers.
-
-    Raises:
-        RecordingError: there are none, a listed one is missing, or metadata.yaml cannot be read.
-    """
+    """The files of a bag folder in recording order: those that metadata.yaml lists, else all, by their numbers."""
     files = tuple(folder / name for name in folder_metadata(folder).file_names)
     missing = [file.name for file in files if not file.is_file()]
     if missing:
@@ -88,9 +83,6 @@ def folder_metadata(folder: Path, *, is_recording: bool = True) -> FolderMetadat
     """Content of the metadata.yaml of `folder`; the defaults if there is none.
 
     Beside a file that was given by itself, the folder is no recording, and a metadata.yaml may be anybody's.
-
-    Raises:
-        RecordingError: it cannot be read.
     """
     path = folder / METADATA
     if not path.is_file():

@@ -49,12 +49,6 @@ def contents_of_tables(
     """Contents of the database at `path`; `distro` is that of the folder, used if the tables name none.
 
     `because` says why SQLite cannot read all of it: then damaged pages are passed over. It is empty if it can.
-
-    Raises:
-        RecordingError: it is not a ROS 2 recording.
-        ValueError: the table of messages lacks some that an index counts.
-        TypeError: a message's time or topic is no integer.
-        sqlite3.Error: the database is damaged.
     """
     query = database.execute
     query("PRAGMA trusted_schema = OFF")

@@ -103,10 +103,8 @@ def rectified_reason(info: Any) -> str:
 def rectified_camera_model(info: Any, *, frame_id: str = "", is_turned: bool = True) -> tuple[CameraModel, Transform]:
     """Intrinsics of the rectified image, and the rotation of its frame.
 
-    Args:
-        info: The decoded message.
-        frame_id: Frame of the camera; empty: as the message says.
-        is_turned: Whether the frame is that of the raw image; otherwise it is the rectified one, and R is not used.
+    `frame_id` is that of the camera, else the message says it. `is_turned`: it is that of the raw image; otherwise it
+    is the rectified one, and R is not used.
 
     Returns:
         The model (K = P[:, :3], no distortion) and T_rectified_camera. The rectified frame is `<frame>_rectified`, or

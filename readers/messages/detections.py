@@ -127,12 +127,8 @@ def decode_detections2d(
     number that is not a label is a row of `class_names`, the numbering of the detector that wrote it. Rotated boxes
     (`theta`) become their upright hull. Scores are clipped to [0, 1].
 
-    Args:
-        message: Detection2DArray of any version.
-        class_id_of_label: Class id by each name that a detector may use.
-        class_names: Labels of a detector that records numbers.
-        other_class_id: Class id of boxes of any other class; None: they are not used.
-        limits: How many boxes a message may hold.
+    `class_id_of_label` has the names that a detector may use, `class_names` the labels of one that records numbers.
+    Boxes of any other class get `other_class_id`; without one they are not used.
     """
     class_ids = {label.strip().lower(): class_id for label, class_id in class_id_of_label.items()}
     rows = box_rows(message, DETECTIONS_2D, _numbers, 5, limits)

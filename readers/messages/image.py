@@ -88,11 +88,7 @@ def _packed_to_rgb(pixels: U8, encoding: PackedEncoding) -> U8:
 
 
 def check_pixels(width: int, height: int, limits: RecordingLimits, topic: str, others: int = 0) -> None:
-    """Refuse an image of more pixels than `limits` allow, by itself or with the `others` of its frame.
-
-    Raises:
-        MessageError: it has more.
-    """
+    """Refuse an image of more pixels than `limits` allow, by itself or with the `others` of its frame."""
     if width * height > limits.max_image_mpx * 1e6:
         raise MessageError(
             f"{topic}: an image of {width} x {height} px, expected at most {limits.max_image_mpx:g} million pixels: "

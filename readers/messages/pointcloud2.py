@@ -162,11 +162,7 @@ def decode_pointcloud2(
 
 
 def check_points(width: int, topic: str, limits: RecordingLimits, others: int, *, rows: int = 1) -> None:
-    """Check the number of points of a cloud beside the `others` of its frame.
-
-    Raises:
-        MessageError: there are more than `limits` allow.
-    """
+    """Check the number of points of a cloud beside the `others` of its frame."""
     shape, count = f"{rows} x {width}", rows * width
     if count > limits.max_points:
         raise MessageError(f"{topic}: {shape} points, expected at most {limits.max_points}: raise limit_scale")

@@ -206,10 +206,7 @@ class Result(Closing):
 def open_result(path: Path, settings: Sequence[str] = (), options: ReadOptions = DEFAULT_READ_OPTIONS) -> Result:
     """Open a result, to be used as a context manager.
 
-    Args:
-        path: The .mcap file that a run wrote.
-        settings: Single settings on top of those that are attached, `["evaluate.iou=[0.5]"]`.
-        options: How to read it.
+    `settings` are single ones on top of those that are attached, `["evaluate.iou=[0.5]"]`.
 
     Raises:
         RecordingError: it cannot be read, or is not a result of lidcam.

@@ -70,12 +70,8 @@ def find_sensors(
     frame cannot be the site frame (z is not up); then it is the lidar's own. A lidar whose messages name no frame has
     the one that tf knows by its name or a part of its topic, else one of its own; several such lidars need poses.
 
-    Args:
-        recording: Open recording; tf_static and the beginning of the other topics are read.
-        config: Settings: which topics are used, and the site frame.
-        rig_file: Known calibration; the rest is taken from CameraInfo and tf.
-        start_ns: Log time from which on tf is read, too; None: from the beginning.
-        stop_ns: Log time before which tf is read; None: to the end.
+    tf_static and the beginning of the other topics are read, tf also from `start_ns` on and to before `stop_ns` (log
+    times). What the rig file lacks is taken from CameraInfo and tf.
 
     Raises:
         CalibrationError: the rig file says that there is no lidar, or a transform of it is not valid.

@@ -33,13 +33,8 @@ class CopiedMessages:
     Messages wait only while no frame is complete, and then not more than `limits` allow: memory does not grow with the
     recording. Which message goes with which frame depends on the recording alone.
 
-    Args:
-        topics: Topics to copy.
-        classes: Names of the class numbers of ROS 1.
-        drawn: Those of the topics whose boxes are drawn, too.
-        limits: How much may wait.
-        on_drop: Gets the messages that waited in vain.
-        on_bad: Gets the messages that cannot be converted.
+    `classes` name the class numbers of ROS 1; the boxes of the topics `drawn` are drawn, too. `on_drop` gets the
+    messages that waited in vain, `on_bad` those that cannot be converted.
     """
 
     def __init__(

@@ -50,11 +50,7 @@ Parts = Mapping[tuple[str, int], Channel]
 
 
 def find_combined(recording: Recording, *, limits: RecordingLimits = DEFAULT_LIMITS) -> dict[Channel, Parts]:
-    """Channels of combined messages, with the parts found in their first messages.
-
-    Raises:
-        RecordingError: the recording cannot be read.
-    """
+    """Channels of combined messages, with the parts found in their first messages."""
     channels = [channel for info in recording.topics if info.message_count for channel in info.channels]
     lists = {channel: fields for channel in channels if (fields := _lists(channel))}
     found = {channel: _parts(channel, fields, recording, limits) for channel, fields in lists.items()}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64
-from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -16,16 +16,6 @@ class Labelled:
     label: str
     T_frame_box: F64  # (4, 4) pose of the centre of its box
     size_m: tuple[float, float, float]  # Length, width, height
-    track_id: int = UNKNOWN
-    is_ignored: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Labelled2D:
-    """One object, or region, in an image: see `TruthBoxes2D`."""
-
-    label: str
-    xyxy: tuple[float, float, float, float]
     track_id: int = UNKNOWN
     is_ignored: bool = False
 
@@ -40,23 +30,10 @@ def truth_boxes_3d(
         centers=np.array([one.T_frame_box[:3, 3] for one in objects], np.float64).reshape(-1, 3),
         sizes=np.array([one.size_m for one in objects], np.float64).reshape(-1, 3),
         yaws=np.array([yaw_of(one.T_frame_box) for one in objects], np.float64),
-        class_ids=_class_ids([one.label for one in objects], class_ids),
+        class_ids=class_ids_of_names([one.label for one in objects], class_ids),
         labels=np.array([one.label for one in objects], np.str_),
         track_ids=np.array([one.track_id for one in objects], np.int64),
         lidar_points=np.full(len(objects), UNKNOWN, np.int32),
-        image_pixels=np.full(len(objects), UNKNOWN, np.int32),
-        is_ignored=np.array([one.is_ignored for one in objects], np.bool_),
-    )
-
-
-def truth_boxes_2d(stamp_ns: int, objects: Sequence[Labelled2D], class_ids: Mapping[str, int]) -> TruthBoxes2D:
-    """Objects in one image; `class_ids` are those of `Config.class_id_of_label`."""
-    return TruthBoxes2D(
-        stamp_ns=stamp_ns,
-        xyxy=np.array([one.xyxy for one in objects], np.float32).reshape(-1, 4),
-        class_ids=_class_ids([one.label for one in objects], class_ids),
-        labels=np.array([one.label for one in objects], np.str_),
-        track_ids=np.array([one.track_id for one in objects], np.int64),
         image_pixels=np.full(len(objects), UNKNOWN, np.int32),
         is_ignored=np.array([one.is_ignored for one in objects], np.bool_),
     )
@@ -68,5 +45,8 @@ def yaw_of(pose: F64) -> float:
     return yaw if yaw > -np.pi else float(np.pi)
 
 
-def _class_ids(labels: Iterable[str], class_ids: Mapping[str, int]) -> np.ndarray[tuple[int], np.dtype[np.int32]]:
+def class_ids_of_names(
+    labels: Iterable[str], class_ids: Mapping[str, int]
+) -> np.ndarray[tuple[int], np.dtype[np.int32]]:
+    """(N,) int32, rows of the configured classes; `UNKNOWN` for a label of none."""
     return np.array([class_ids.get(label.strip().lower(), UNKNOWN) for label in labels], np.int32)

@@ -27,7 +27,7 @@ from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, T
 from lidcam.readers.messages.objects import check_boxes
 from lidcam.readers.natural_order import natural_key
 from lidcam.readers.rig.importers import KittiCalibration, kitti_calibration
-from lidcam.readers.truth.boxes import Labelled, Labelled2D, truth_boxes_2d, truth_boxes_3d
+from lidcam.readers.truth.boxes import Labelled, class_ids_of_names, truth_boxes_3d
 from lidcam.readers.truth.source import TruthSource
 
 DONT_CARE = "DontCare"
@@ -164,13 +164,8 @@ class KittiTruth(TruthSource):
     The k-th file of a folder, in order of their numbers, belongs to the k-th frame of the result. A file of the
     tracking benchmark numbers its frames itself, from 0.
 
-    Args:
-        path: A label file, or a folder of those of the object benchmark; or one that has `label_2`.
-        rig: The rig of the result; its lidar is KITTI's.
-        config: Classes and difficulty.
-
-    Raises:
-        RecordingError: the labels cannot be read, or the rig has several lidars.
+    `path` is a label file, or a folder of those of the object benchmark, or one that has `label_2`; the lidar of `rig`,
+    the result's, is KITTI's. Raises RecordingError if the labels cannot be read, or the rig has several lidars.
     """
 
     def __init__(self, path: Path, rig: Rig, config: Config) -> None:
@@ -231,8 +226,16 @@ class KittiTruth(TruthSource):
         sensor = next((one for one in self._rig.cameras if one.name == camera), None)
         if sensor is None or not self._is_labelled(sensor, calibration):
             return None
-        objects = [Labelled2D(label.label, label.xyxy, label.track_id, self._is_ignored(label)) for label in labels]
-        return truth_boxes_2d(stamp_ns, objects, self._class_ids)
+        names = [one.label for one in labels]
+        return TruthBoxes2D(
+            stamp_ns,
+            np.array([one.xyxy for one in labels], np.float32).reshape(-1, 4),
+            class_ids_of_names(names, self._class_ids),
+            np.array(names, np.str_),
+            np.array([one.track_id for one in labels], np.int64),
+            np.full(len(labels), UNKNOWN, np.int32),
+            np.array([self._is_ignored(one) for one in labels], np.bool_),
+        )
 
     def _labels(self, frame: int) -> tuple[Sequence[KittiLabel], KittiCalibration]:
         """The labels of a frame, and their calibration; kept for the images of the frame."""

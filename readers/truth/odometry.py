@@ -72,11 +72,8 @@ class OdometryTruth(TruthSource):
 
     A moment is covered if the poses of all vehicles are known at it, interpolated between two messages.
 
-    Args:
-        recording: Has the odometry: the recording, or a result that its topics were copied to.
-        vehicles: Their topics and boxes, from the rig; at least one.
-        transforms: Join the frames in which vehicles move, where these are several.
-        config: Classes and limits.
+    `recording` has the odometry: the recording, or a result that its topics were copied to. `transforms` join the
+    frames in which vehicles move, where these are several.
 
     Raises:
         RecordingError: a topic was not recorded, or is no odometry.

@@ -36,11 +36,8 @@ MAX_IMAGES = 1000
 class RecordedTruth(TruthSource):
     """Truth of the topics of a recording; see `TruthSource`.
 
-    Args:
-        recording: Open recording, which is read as far as it is needed and not closed.
-        topics: Topics of truth.
-        cameras: Cameras of the result; their optical frames or names say whose images were labelled.
-        config: Classes, and the time of a frame at which objects are compared.
+    The recording is read as far as it is needed and not closed. The optical frames or names of `cameras`, the result's,
+    say whose images were labelled.
     """
 
     def __init__(

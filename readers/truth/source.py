@@ -25,13 +25,9 @@ class TruthSource(ABC):
     def at(self, stamp_ns: int, *, frame: int) -> TruthBoxes3D | None:
         """The true objects at a time; None if the truth does not cover it.
 
-        Args:
-            stamp_ns: The time.
-            frame: Number of the result's frame that is meant, for truth that is numbered and has no stamps.
-
-        Returns:
-            The objects at `stamp_ns`, in any frame of reference (`frame_id`): the reader of the truth brings them to
-            the site frame by the transforms that were recorded.
+        `frame` is the number of the result's frame that is meant, for truth that is numbered and has no stamps. The
+        objects are in any frame of reference (`frame_id`): the reader of the truth brings them to the site frame by the
+        transforms that were recorded.
         """
 
     def moment(self, stamp_ns: int, *, frame: int) -> Moment | None:

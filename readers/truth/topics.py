@@ -31,14 +31,8 @@ def find_truth_topics(
     else the only topic of 3D boxes that is no result. What images show lies beside the objects:
     `/ground_truth/CAMERA/visible`.
 
-    Args:
-        recording: Open recording.
-        results: Topics that are results, not truth.
-        wanted: The topic to take, by any name; empty to find it.
-        sources: Topics of boxes that the result was made from: truth only by their name.
-
-    Raises:
-        ConfigError: there is no such topic of 3D boxes.
+    `results` are topics that are no truth, `sources` those of boxes that the result was made from: truth only by their
+    name. `wanted` is the topic to take, by any name; raises ConfigError if there is no such topic of 3D boxes.
     """
     infos = {
         info.topic: info

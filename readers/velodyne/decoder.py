@@ -68,10 +68,6 @@ def read_velodyne_calibration(path: Path, model: VelodyneModel) -> LaserTable:
     """The laser table of one unit; the file has radians and metres.
 
     `distance_resolution` is ignored: it is fixed by the model, and some files are wrong about it.
-
-    Raises:
-        CalibrationError: the file does not fit, or its lasers are not those of the model.
-        ConfigError: the file cannot be read, or is not a YAML mapping.
     """
     source = f"{path}: not a calibration of ROS's velodyne driver"
     lasers = sorted(checked(_File, read_yaml(path), source, CalibrationError).lasers, key=lambda laser: laser.laser_id)

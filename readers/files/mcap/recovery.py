@@ -38,10 +38,6 @@ def contents_of_scan(stream: BinaryIO, losses: Losses, *, because: str, limits: 
     """The contents, found by reading the whole file once; one chunk at a time is in memory.
 
     `because` says why the summary is invalid, for a file without other damage; it is empty if it may be valid.
-
-    Raises:
-        RecordingError: it has more messages outside of chunks than may be held in memory.
-        Exception: damage, unless `losses` collects it.
     """
     scan = _Scan(stream, end_of_records(stream), losses, limits)
     scan.run()

@@ -75,11 +75,8 @@ def is_world_frame(
 ) -> bool:
     """Whether sensors move in a frame, by its name, or by what moves below it.
 
-    Args:
-        frame: The frame of a cloud.
-        frames: The frames of all clouds.
-        transforms: The recorded transforms.
-        is_measured: Whether its points have times or rings: vehicles carry lidars on trailers and arms, too.
+    `frame` is that of a cloud, `frames` are those of all. `is_measured`: its points have times or rings, as vehicles
+    carry lidars on trailers and arms, too.
     """
     others = {other for other in frames if other and other != frame}
     is_joined = any(transforms.are_joined(frame, other) for other in others)
