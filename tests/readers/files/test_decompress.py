@@ -8,6 +8,7 @@ import pytest
 from builders import odometry, raw, write_mcap, write_rosbag1
 
 from lidcam.pipeline.core.settings.recording import RecordingLimits
+from lidcam.readers.files.chunked import detach
 from lidcam.readers.files.decompress import unpack
 from lidcam.readers.open import open_recording
 from lidcam.readers.recording import ReadOptions
@@ -55,3 +56,12 @@ def test_a_chunk_that_would_fill_the_memory_is_passed_over(tmp_path: Path, kind:
         (loss,) = recording.losses
     assert loss.messages == 1
     assert f"more than {1 << 20} bytes, see limit_scale" in loss.reason
+
+
+# --- messages in chunks
+
+
+@pytest.mark.parametrize(("start", "size"), [(0, 101), (100, 1), (0, -1)])
+def test_messages_beyond_the_chunk(start: int, size: int) -> None:
+    with pytest.raises(ValueError, match="beyond its chunk"):
+        detach(bytes(100), start, size)

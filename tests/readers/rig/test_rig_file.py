@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 import yaml
 from builders import camera_info, header, raw, tf_message, transform_stamped
+from hypothesis import given
+from hypothesis import strategies as st
 from memory_recording import MemoryRecording
 from rig_messages import cloud, image_message, reasons
 from scipy.spatial.transform import Rotation
@@ -13,7 +15,9 @@ from lidcam.pipeline.core.errors import CalibrationError, ConfigError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig, TruthVehicle
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.rig.calibration import rigid_transform
 from lidcam.readers.rig.discovery import Discovery, discover_rig
+from lidcam.readers.rig.lens import decompose_projection
 from lidcam.readers.rig.rig_file import load_rig, rig_yaml
 from lidcam.readers.rig.schema import parse_rig
 
@@ -292,3 +296,24 @@ def test_files_that_are_no_rig(tmp_path: Path, content: bytes | None, reason: st
         path.write_bytes(content)
     with pytest.raises((CalibrationError, ConfigError), match=reason):
         load_rig(path)
+
+
+# --- projections
+
+
+@given(
+    st.tuples(*[st.floats(-3, 3)] * 3),
+    st.tuples(*[st.floats(-50, 50)] * 3),
+    st.floats(100, 3000),
+    st.floats(100, 3000),
+    st.floats(1e-3, 1e3),
+)
+def test_a_projection_comes_apart_into_what_it_was_made_of(
+    turn: tuple[float, ...], shift: tuple[float, ...], fx: float, fy: float, scale: float
+) -> None:
+    camera_K = np.array([[fx, 0.5, 640], [0, fy, 360], [0, 0, 1]])
+    Rt = np.c_[Rotation.from_rotvec(turn).as_matrix(), shift]
+    found_K, matrix = decompose_projection("P", scale * camera_K @ Rt)
+    np.testing.assert_allclose(found_K, camera_K, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(matrix[:3], Rt, atol=1e-6)
+    rigid_transform("pose", "camera", "site", matrix)
