@@ -50,12 +50,7 @@ def decode_compressed_cloud(
 
 @decoder
 def unpack_cloud(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0) -> Any:
-    """The sensor_msgs/PointCloud2 that a message was made of; of Foxglove's, with the points moved by its pose.
-
-    Raises:
-        MessageError: not a compressed cloud, its format is unknown or needs DracoPy, its data are damaged, or there
-            are more points than `limits` allow.
-    """
+    """The sensor_msgs/PointCloud2 that a message was made of; of Foxglove's, with the points moved by its pose."""
     packed, topic = deserialize_as(message, *COMPRESSED_CLOUDS, limits=limits), message.topic
     format_name = str(getattr(packed, "format", "draco")).strip().lower()
     if packed.__msgtype__ == FOXGLOVE_CLOUD:

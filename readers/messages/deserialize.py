@@ -36,6 +36,7 @@ class Cursor:
 
     ROS 1 packs fields without gaps (wiki.ros.org/msg). CDR aligns each number to its size, counted from the end of a
     four-byte encapsulation whose second byte says which end comes first (OMG formal/02-06-51, 9.3; DDSI-RTPS 10.2).
+    Where the message ends, or a text is not UTF-8, reading raises a struct.error or ValueError: see `damage_told`.
 
     Attributes:
         order: Byte order of numbers, `<` or `>`.
@@ -56,35 +57,26 @@ class Cursor:
         self.at += size * count
 
     def uint32(self) -> int:
-        """The next number, also the length of a list; raises struct.error if the message ends before it."""
+        """The next number, also the length of a list."""
         self._align(4)
         (value,) = _UINT32[self.order].unpack_from(self._data, self.at)
         self.at += 4
         return int(value)
 
     def string(self) -> str:
-        """The next string.
-
-        Raises:
-            struct.error: the message ends before its length.
-            UnicodeDecodeError: it is not UTF-8.
-        """
+        """The next string."""
         length = self.uint32()
         encoded = bytes(self._data[self.at : self.at + length])
         self.at += length
         return encoded.rstrip(b"\0").decode()
 
     def frame_id(self) -> str:
-        """The frame of a std_msgs/Header, which is passed over; raises as `string`."""
+        """The frame of a std_msgs/Header, which is passed over."""
         self.skip(4, 2 if self._is_aligned else 3)  # the stamp, in ROS 1 behind `seq`
         return self.string()
 
     def records(self, layout: np.dtype[Any], count: int) -> np.ndarray[Any, Any]:
-        """(count,) the next structs, as they lie in the message.
-
-        Raises:
-            ValueError: the message ends before the last one.
-        """
+        """(count,) the next structs, as they lie in the message."""
         step = layout.itemsize
         stride = (step + 3) // 4 * 4 if self._is_aligned else step  # in CDR to the next number, but behind the last one
         needed = self.at + (count - 1) * stride + step if count else self.at
@@ -281,11 +273,7 @@ def pose_numbers(pose: Any) -> tuple[list[float], list[float]]:
 
 
 def typestore_for(channel: Channel) -> Typestore:
-    """The types that this channel's messages contain.
-
-    Raises:
-        MessageError: the definition cannot be parsed, or a type is neither in it nor known.
-    """
+    """The types that this channel's messages contain; a definition that cannot be used raises a `MessageError`."""
     store = _types_of(channel)
     if isinstance(store, str):
         raise MessageError(f"{channel.topic}: {store}")

@@ -121,10 +121,6 @@ def decode_image(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMIT
     """The image of a sensor_msgs/Image in one of the encodings that `image_encodings` lists.
 
     Rows may be padded (`step`). An rgb8 image without padding is a view of the message's bytes.
-
-    Raises:
-        MessageError: not an Image, an encoding of something else, sizes that do not fit the data, or more pixels than
-            `limits` allow.
     """
     import cv2
 
@@ -154,9 +150,6 @@ def decode_compressed_image(message: RawMessage, *, limits: RecordingLimits = DE
     Of `format` (`jpeg`, or in image_transport's spelling `rgb8; jpeg compressed bgr8`) only the encoding before the
     semicolon matters: image_transport compresses a Bayer mosaic as if it were a grey image. Sixteen bits become
     eight by `>> 8`. An EXIF orientation is ignored: the calibration is for the sensor's own rows and columns.
-
-    Raises:
-        MessageError: not a CompressedImage, damaged data, more pixels than `limits` allow, or a compressed depth map.
     """
     compressed = deserialize_as(message, COMPRESSED_IMAGE, limits=limits)
     kind = compressed.format.strip()

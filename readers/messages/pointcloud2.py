@@ -151,10 +151,6 @@ def decode_pointcloud2(
         The cloud at the message's stamp. Points with a coordinate that is not finite in float32 are removed and counted
         in `nan_dropped`. Intensities that are not finite are 0, as where there are none; `calibrated` ones are those of
         `CALIBRATED_FIELD` where they are known, else nodes hand on the others. Rings are clipped to 0 to 65535.
-
-    Raises:
-        MessageError: not a PointCloud2; x, y or z is missing; sizes, offsets and data contradict each other; or there
-            are more points than `limits` allow.
     """
     cloud = deserialize_as(message, "sensor_msgs/msg/PointCloud2", limits=limits)
     check_points(int(cloud.width), message.topic, limits, others, rows=int(cloud.height))

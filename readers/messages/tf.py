@@ -31,11 +31,7 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 
 @decoder
 def decode_odometry(message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS) -> Transform:
-    """The pose of the child frame, which is empty if the publisher does not name it, in the frame that it moves in.
-
-    Raises:
-        MessageError: not an Odometry, the frames are missing or equal, or the pose is invalid.
-    """
+    """The pose of the child frame, which is empty if the publisher does not name it, in the frame that it moves in."""
     odometry = deserialize_as(message, ODOMETRY, limits=limits)
     parent, child = clean_frame(odometry.header.frame_id), clean_frame(odometry.child_frame_id)
     if not parent or parent == child:

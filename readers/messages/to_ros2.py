@@ -70,9 +70,6 @@ def to_ros2(
     """The message as CDR, with the definition that its channel needs in a file; times and order are kept.
 
     `name_of` gives the names of the numbers in ROS 1's vision_msgs.
-
-    Raises:
-        MessageError: the message could not be read, is none of ROS, or does not fit its definition.
     """
     channel = message.channel
     if message.problem:

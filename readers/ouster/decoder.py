@@ -24,10 +24,6 @@ def decode_ouster(
         The cloud at the message's stamp. Rings are the rows from the top; times count from the first column of the
         turn. Intensity is the reflectivity, or the signal if it need not be `calibrated` and the profile has it. Beams
         without a return are counted in `nan_dropped`.
-
-    Raises:
-        MessageError: the message is cut off, the JSON in it does not describe its packets, they span more than two
-            seconds, or there are more points than `limits` allow.
     """
     sweep, topic = deserialize_as(message, SWEEP, limits=limits), message.topic
     try:

@@ -22,11 +22,7 @@ PROBED = 20
 
 
 def find_description(recording: Recording, topic: str) -> str:
-    """The JSON of the sensor whose packets a topic has.
-
-    Raises:
-        MessageError: there is none, or it does not fit the packets.
-    """
+    """The JSON of the sensor whose packets a topic has; a `MessageError` says that there is none, or what to do."""
     recorded = [
         info.topic
         for info in recording.topics

@@ -53,9 +53,6 @@ def survey(
     Sixteen bytes a message are held. All messages are read, to find damage, but only the times of the first
     `limits.max_messages_in_memory` are used; a warning says so. `watch` gets the messages as they are read, so that
     they are read only once.
-
-    Raises:
-        RecordingError: the recording cannot be read to its end.
     """
     times: defaultdict[str, array[int]] = defaultdict(lambda: array("q"))
     faults: dict[str, tuple[str, int]] = {}

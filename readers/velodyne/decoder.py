@@ -145,10 +145,6 @@ class VelodyneDecoder:
             The cloud at the message's stamp, with ring, time and return type of every point. The scan may have any
             length and begin anywhere. Two returns at equal distance become one point of type "both". Packets with
             blocks that are not marked as this model marks them are dropped.
-
-        Raises:
-            MessageError: the message is cut off, the model is unknown or contradicts the settings, the packets are
-                of several models or modes, or they span more than two seconds.
         """
         packets = parse_velodyne_scan(message)
         drops = [_drop(message, "packets that cannot be decoded", fault, 1) for fault in message.defects]
