@@ -63,7 +63,7 @@ MAX_LINES = {
     "lidcam/notebook": (900, 280),
     "lidcam/outputs": (2140, 810),
     "lidcam/run": (2930, 1080),
-    "lidcam/training": (2600, 900),
+    "lidcam/training": (2580, 890),
     "pipeline": (170, 160),
     "pipeline/calibration": (960, 440),
     "pipeline/core": (4550, 2370),

@@ -100,15 +100,6 @@ class LabelledFrame(NamedTuple):
     unlabelled: F64  # (U, 3) x, y and radius of circles around objects that do not count
     region: F64  # (C, 2) corners of the labelled region
     reach: F64  # (3,) x, y and radius of a circle that also limits it
-    # How many of the last circles of `unlabelled` are around boxes that a run found and doubts: nothing is learned
-    # there, but where a network is judged, they are free ground
-    doubted_count: int = 0
-
-    @property
-    def judged(self) -> "LabelledFrame":
-        """The frame as networks are judged in it."""
-        kept = len(self.unlabelled) - self.doubted_count
-        return self._replace(unlabelled=self.unlabelled[:kept], doubted_count=0)
 
     def is_labelled(self, xy: F64) -> Bools:
         """(K,) whether places (K, 2) are labelled, be it as objects or as free."""
@@ -151,7 +142,7 @@ class LabelledFrame(NamedTuple):
         circles = np.vstack([self.unlabelled, self.reach])
         circles = np.column_stack([circles[:, :2] @ ground.T, size * circles[:, 2]])
         origins, region = self.origins @ change.T, self.region @ ground.T
-        return LabelledFrame(position, self.lidar, origins, true, circles[:-1], region, circles[-1], self.doubted_count)
+        return LabelledFrame(position, self.lidar, origins, true, circles[:-1], region, circles[-1])
 
 
 class Recordings(NamedTuple):

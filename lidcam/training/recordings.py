@@ -11,7 +11,6 @@ import numpy as np
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.clouds import CombinedCloud
-from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
@@ -42,10 +41,9 @@ BARE = "output.images=false", "output.clouds=false"
 LIDARS_ONLY = "detect2d.method=none", "track.mode=none", *BARE  # All that is needed for the points
 TRACKS = "track.mode=offline", *BARE  # A run makes its own labels
 
-# A track's box is a label from this probability on, if the track was seen in as many frames. Others are neither objects
-# nor background, and neither are boxes of the lidars of this probability without a fused one, called `DOUBTED`.
+# A track's box is a label from this probability on, if the track was seen in as many frames. Other objects that are
+# reported are neither objects nor background.
 MIN_SURE_SCORE, MIN_SURE_FRAMES = 0.9, 5
-MIN_DOUBTED_SCORE, DOUBTED = 0.3, "doubted"
 
 MIN_LABELS = 20  # Boxes of sure tracks to learn from
 MAX_FRAMES = 1000  # Of 1 to 2 MB each; of a longer recording, every second one is kept, then every fourth, and so on
@@ -191,7 +189,6 @@ class _Kept(RunObserver):
             circles[~counted],
             np.array(rules.region) - middle if isinstance(rules.region, tuple) else EVERYWHERE,
             np.append(-middle, rules.max_range_m or np.inf),
-            int((truth.labels == DOUBTED).sum()),
         )
 
 
@@ -202,7 +199,7 @@ def _true_objects(result: Result) -> Iterator[tuple[int, TruthBoxes3D | None]]:
 
 
 def tracked_objects(frames: Callable[[], Iterable[ResultFrame]]) -> Iterator[tuple[int, TruthBoxes3D]]:
-    """The numbers of the frames, and the objects of sure tracks. All others are marked as ignored, `DOUBTED` ones last.
+    """The numbers of the frames, and the objects of sure tracks. All others are marked as ignored.
 
     Args:
         frames: Gives the frames of a result; called twice.
@@ -216,21 +213,15 @@ def tracked_objects(frames: Callable[[], Iterable[ResultFrame]]) -> Iterator[tup
 
 
 def _sure(frame: ResultFrame, counts: Mapping[int, int]) -> TruthBoxes3D:
-    fused, doubted = frame.sources["fused"], _doubted(frame)
-    seen = np.array([counts.get(track, 0) for track in fused.track_ids.tolist()], np.int64)
-    is_sure = (fused.boxes.scores >= MIN_SURE_SCORE) & (seen >= MIN_SURE_FRAMES) & (fused.track_ids != UNKNOWN)
-    every, counts_of = fused.boxes.joined(doubted), [len(fused), len(doubted)]
-    boxes = every.centers, every.sizes, every.yaws, every.class_ids, np.repeat(["", DOUBTED], counts_of)
-    track_ids, unknown = np.full(len(every), UNKNOWN), np.full(len(every), UNKNOWN, np.int32)
-    is_ignored = np.append(~is_sure, np.ones(len(doubted), np.bool_))
-    return TruthBoxes3D(frame.stamp_ns, every.frame_id, *boxes, track_ids, unknown, unknown, is_ignored)
-
-
-def _doubted(frame: ResultFrame) -> Boxes3D:
-    """Boxes of the lidars that the cameras and tracks do not bear out."""
-    lidar, fused = frame.sources["lidar"].boxes, frame.sources["fused"].boxes
-    away_m = np.linalg.norm(lidar.centers[:, None, :2] - fused.centers[:, :2], axis=2).min(1, initial=np.inf)
-    return lidar.select((lidar.scores >= MIN_DOUBTED_SCORE) & (away_m > np.hypot(*lidar.sizes[:, :2].T) / 2))
+    fused = frame.sources["fused"]
+    boxes, track_ids = fused.boxes, fused.track_ids
+    seen = np.array([counts.get(track, 0) for track in track_ids.tolist()], np.int64)
+    is_sure = (boxes.scores >= MIN_SURE_SCORE) & (seen >= MIN_SURE_FRAMES) & (track_ids != UNKNOWN)
+    unknown = np.full(len(boxes), UNKNOWN, np.int32)
+    columns = boxes.centers, boxes.sizes, boxes.yaws, boxes.class_ids, np.full(len(boxes), "")
+    return TruthBoxes3D(
+        frame.stamp_ns, boxes.frame_id, *columns, np.full(len(boxes), UNKNOWN), unknown, unknown, ~is_sure
+    )
 
 
 def _objects_of(frames: Sequence[Path]) -> Objects:

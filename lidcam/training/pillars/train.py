@@ -203,7 +203,7 @@ def train_pillars(
             found[WORLDS] = joined(parts)
         if recordings is not None:
             frames = map(loaded, (recordings.calibrate, recordings.judge)[part])
-            found[RECORDINGS] = joined([judged_frame(written, worlds, frame.judged) for frame in frames])
+            found[RECORDINGS] = joined([judged_frame(written, worlds, frame) for frame in frames])
         return found
 
     begin = existing_network_file(Path(checkpoint.begin)) if checkpoint.begin else None

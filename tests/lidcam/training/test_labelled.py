@@ -126,12 +126,3 @@ def test_all_of_a_frame_is_seen_from_another_side() -> None:
         assert len(box) == 320
         assert found.is_labelled(moved.centers[:, :2]).tolist() == before.tolist()
     assert len(known_to("sandbox", FRAME._replace(true=boxes((10, 5, 0, 3)))).yaws) == 0
-
-
-def test_doubted_places_are_free_ground_where_a_network_is_judged() -> None:
-    doubted = FRAME._replace(unlabelled=np.vstack([FRAME.unlabelled, [[10, 0, 2.0]]]), doubted_count=1)
-    places = np.array([[10.0, 0], [20, -8], [10, 4]])
-    assert doubted.is_labelled(places).tolist() == [False, False, True]
-    assert doubted.judged.is_labelled(places).tolist() == [True, False, True]
-    assert FRAME.judged.is_labelled(places).tolist() == [True, False, True]
-    assert len(doubted.varied(np.random.default_rng(0)).judged.unlabelled) == 1
