@@ -79,6 +79,8 @@ class CombinedDetector:
         self._groups = np.where(self._kinds == UNKNOWN, len(KINDS) + np.arange(len(self._kinds)), self._kinds)
         self._clusters, self._fitted = ClusterDetector(rig, config), FittedPillarDetector(rig, config)
         self._network = self._fitted.network
+        # Simulated people are more alike than people are: the network alone does not make one probable.
+        self._are_doubted = (self._kinds == PERSON) & ~np.isin(np.arange(len(self._kinds)), self._network.recorded_ids)
         self._site_frame, self._min_score = rig.site_frame, config.detect3d.min_score
         self._near_weight = config.detect3d.near_weight
         self._lidar_xy = rig.lidar_xyz[:, :2]
@@ -97,8 +99,9 @@ class CombinedDetector:
         network = logit(found.scores.astype(np.float64))
         cluster, partner = self._partners(clusters, found)
         beside, yaws = np.full(len(clusters), np.nan), clusters.yaws.copy()
-        kinds = self._kinds[clusters.class_ids[cluster]]
-        beside[cluster] = np.where(kinds == PERSON, np.nan, network[partner] + CLUSTER_BONUS * (kinds == UNKNOWN))
+        class_ids = clusters.class_ids[cluster]
+        bonus = CLUSTER_BONUS * (self._kinds[class_ids] == UNKNOWN)
+        beside[cluster] = np.where(self._are_doubted[class_ids], np.nan, network[partner] + bonus)
         yaws[cluster] += np.pi * (np.cos(yaws[cluster] - found.yaws[partner]) < 0)
         boxes = found.joined(replace(clusters, yaws=wrap_angle(yaws)))
         own = np.full(len(found), 0.5)
@@ -131,7 +134,6 @@ class CombinedDetector:
         missed = alone[:, 0] + alone[:, 1] * learned
         missed = np.where(is_reached, missed, learned)
         joint = both[:, 0] + both[:, 1] * learned + both[:, 2] * network
-        joint = np.where(kinds == PERSON, np.minimum(joint, learned), joint) + self._near_weight * near * (
-            kinds == LARGE
-        )
+        joint = np.where(self._are_doubted[boxes.class_ids], np.minimum(joint, learned), joint)
+        joint += self._near_weight * near * (kinds == LARGE)
         return np.where(np.isnan(network), missed, joint)

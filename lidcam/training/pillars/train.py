@@ -30,6 +30,7 @@ SWEEPS_OF_A_WORLD = 4
 MAX_HELD_OUT = 80
 MIN_LOG_ODDS = -4.0
 FITTING_SHARE = 0.98  # Share of the time that the steps take
+MIN_RECORDED = 20  # Objects in the frames that calibrate, from which on scores of their class hold in recordings
 PRIOR = 1e-3  # Weight of the calibration that changes nothing: a class with few examples stays near it
 
 GATES_M = {"car": 2.0, "pedestrian": 0.6, "cyclist": 0.9, "truck": 2.5, "bus": 2.5}
@@ -124,15 +125,18 @@ def calibration(found: Judged) -> F64:
     return np.array(answer)
 
 
-def with_errors(classes: Sequence[str], found: Judged) -> tuple[FoundClass, ...]:
-    """Classes with the standard deviations of right boxes; swapped front and rear is no error of heading."""
+def with_errors(classes: Sequence[str], found: Judged, recorded: I64) -> tuple[FoundClass, ...]:
+    """Classes with the standard deviations of right boxes; swapped front and rear is no error of heading.
+
+    `recorded` (C,) are the numbers of objects in recordings by which their scores were calibrated.
+    """
     made = []
     for row, name in enumerate(classes):
         errors, sigmas = found.errors[(found.classes == row) & found.is_right], {}
         if len(errors) > 1:
             sigmas = {"sigma_m": errors[:, :2], "sigma_rad": _not_turned(errors[:, 2])}
         rms = {key: max(round(float(np.sqrt((one**2).mean())), 4), 1e-4) for key, one in sigmas.items()}
-        made.append(FoundClass(name=name, **rms))
+        made.append(FoundClass(name=name, recorded=bool(recorded[row] >= MIN_RECORDED), **rms))
     return tuple(made)
 
 
@@ -214,7 +218,9 @@ def train_pillars(
         take_weights(network, begin, CLASSES[worlds], GRIDS[worlds], kept_share)
     specs = PillarSpecs(classes=tuple(FoundClass(name=name) for name in CLASSES[worlds]), grid=WRITTEN_GRIDS[worlds])
     out.write_bytes(onnx_bytes(network, specs, GRIDS[worlds]))
-    parts = judge_held_out(0)
+    parts, recorded = judge_held_out(0), np.zeros(len(specs.classes), np.int64)
+    if recordings is not None:
+        recorded = parts[RECORDINGS].objects
     if recordings is not None and has_worlds:  # give them as much weight as the worlds
         sweeps = half * SWEEPS_OF_A_WORLD
         parts[RECORDINGS] = joined([parts[RECORDINGS]] * max(sweeps // len(recordings.calibrate), 1))
@@ -224,7 +230,7 @@ def train_pillars(
     with torch.no_grad():
         network.last.weight[kinds] *= factor[:, None, None, None]
         network.last.bias[kinds] = network.last.bias[kinds] * factor + offset
-    specs = specs.model_copy(update={"classes": with_errors(CLASSES[worlds], found)})
+    specs = specs.model_copy(update={"classes": with_errors(CLASSES[worlds], found, recorded)})
     out.write_bytes(onnx_bytes(network, specs, GRIDS[worlds]))
     after = judge_held_out(1)
     return Trained(_card(checkpoint, steps, half, before, after), before, after)

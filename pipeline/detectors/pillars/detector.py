@@ -165,6 +165,12 @@ class PillarDetector:
         self._covariances = np.array([np.diag(one) for one in variances])
 
     @property
+    def recorded_ids(self) -> I64:
+        """(M,) those of `class_ids` whose scores were calibrated in recordings."""
+        is_recorded = np.array([one.recorded for one in self._network.classes])
+        return np.asarray(self._class_ids[(self._class_ids >= 0) & is_recorded])
+
+    @property
     def class_ids(self) -> I64:
         """(M,) configured classes that the network finds."""
         return self._class_ids[self._class_ids >= 0]

@@ -31,6 +31,7 @@ class FoundClass(SettingsModel):
     name: str  # Its name
     sigma_m: Positive = 0.3  # Standard deviation of its place along x and along y, metres
     sigma_rad: Positive = 0.3  # Standard deviation of its heading, radians
+    recorded: bool = False  # Whether its scores were calibrated in recordings, not in simulated worlds alone
 
 
 class PillarSpecs(SettingsModel):

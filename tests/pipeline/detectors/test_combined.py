@@ -34,7 +34,12 @@ LOG_ODDS = 3.0
 
 
 def detector(
-    tmp_path: Path, boxes: list[F64], names: tuple[str, ...] = ("car",), method: str = "combined", last: int = 0
+    tmp_path: Path,
+    boxes: list[F64],
+    names: tuple[str, ...] = ("car",),
+    method: str = "combined",
+    last: int = 0,
+    recorded: bool = False,
 ) -> Detect3D:
     """With a network that finds these boxes with `LOG_ODDS`; the score of clusters is `LEARNED`.
 
@@ -43,7 +48,7 @@ def detector(
     rows = np.array(boxes).reshape(-1, 7)
     odds, classes = np.full(len(rows), LOG_ODDS), [0] * (len(rows) - 1) + [last] * (len(rows) > 0)
     numbers = numbers_of(rows[:, :3], rows[:, 3:6], rows[:, 6], odds, classes, len(names))
-    model = write_pillars(tmp_path / "net.onnx", numbers, [{"name": one} for one in names])
+    model = write_pillars(tmp_path / "net.onnx", numbers, [{"name": one, "recorded": recorded} for one in names])
     weights = tmp_path / "net.npz"
     said = np.log(list(LEARNED.values()))
     layer = np.zeros((1, len(FEATURES), len(KINDS))), said[None, None]
@@ -98,11 +103,14 @@ def test_what_one_of_them_misses(tmp_path: Path) -> None:
     assert log_odds(both, CAR) == pytest.approx(alone[0] + alone[1] * logit(LEARNED["car"]), abs=1e-3)
 
 
-def test_of_people_the_learned_score_is_not_raised(tmp_path: Path) -> None:
+def test_of_people_only_a_network_that_recordings_calibrated_raises_the_learned_score(tmp_path: Path) -> None:
     cloud, boxes, names = combined(scan(LIDAR, [PERSON])), [np.array(PERSON)], ("pedestrian", "car")
     assert log_odds(detector(tmp_path, boxes, names, "pillars")(cloud), PERSON) == pytest.approx(LOG_ODDS)
     found = at(detector(tmp_path, boxes, names)(cloud), PERSON)
     np.testing.assert_allclose(found.scores, LEARNED["pedestrian"], rtol=1e-3)
+    both, learned = FITTED.both[KINDS.index("pedestrian")], logit(LEARNED["pedestrian"])
+    found = detector(tmp_path, boxes, names, recorded=True)(cloud)
+    assert log_odds(found, PERSON) == pytest.approx(both[0] + both[1] * learned + both[2] * LOG_ODDS, abs=1e-3)
 
 
 def test_a_truck_beside_the_lidar(tmp_path: Path) -> None:

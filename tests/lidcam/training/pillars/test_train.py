@@ -35,7 +35,7 @@ from lidcam.training.pillars.scenes import (
     family_of,
     targets_of,
 )
-from lidcam.training.pillars.train import Judged, calibration, figures, train_pillars
+from lidcam.training.pillars.train import Judged, calibration, figures, train_pillars, with_errors
 
 SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 
@@ -281,3 +281,5 @@ def test_scores_become_probabilities() -> None:
     assert car.startswith(f"| car | {is_right.sum()} | ")
     assert car.endswith("| 0.141 m | 5.7 deg | 0% |")
     assert none == "| bus | 0 | 0 | 0 | 0.000 | 0.000 | -- | -- | -- |"
+    car_class, bus_class = with_errors(("car", "bus"), found, np.array([19, 20]))
+    assert (car_class.sigma_m, car_class.recorded, bus_class.sigma_m, bus_class.recorded) == (0.1, False, 0.3, True)
