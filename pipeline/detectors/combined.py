@@ -79,7 +79,7 @@ class CombinedDetector:
         self._groups = np.where(self._kinds == UNKNOWN, len(KINDS) + np.arange(len(self._kinds)), self._kinds)
         self._clusters, self._fitted = ClusterDetector(rig, config), FittedPillarDetector(rig, config)
         self._network = self._fitted.network
-        # Simulated people are more alike than people are: the network alone does not make one probable.
+        # Simulated people are more alike than real ones, so a network that saw no others makes none probable.
         self._are_doubted = (self._kinds == PERSON) & ~np.isin(np.arange(len(self._kinds)), self._network.recorded_ids)
         self._site_frame, self._min_score = rig.site_frame, config.detect3d.min_score
         self._near_weight = config.detect3d.near_weight

@@ -54,7 +54,7 @@ labelled real frames agree.
 """
 
 
-def merged(first: Boxes3D, second: Boxes3D, share: F64) -> Boxes3D:
+def merged(network: Boxes3D, fitted: Boxes3D, share: F64) -> Boxes3D:
     """The boxes of a network, merged with those fitted to the points in them, whose directions they keep.
 
     Errors from the same points are not independent: place and heading are means, weighted by the information of each
@@ -63,25 +63,25 @@ def merged(first: Boxes3D, second: Boxes3D, share: F64) -> Boxes3D:
     algorithm in the presence of unknown correlations", 1997).
 
     Args:
-        first: N boxes of the network.
-        second: The fitted ones.
+        network: N boxes of the network.
+        fitted: Those fitted to their points.
         share: (N,) weight of the network's lengths and widths; heights are means.
     """
-    sizes = (first.sizes + second.sizes) / 2
-    sizes[:, :2] = second.sizes[:, :2] + share[:, None] * (first.sizes - second.sizes)[:, :2]
-    first_weights, second_weights = (
-        np.linalg.inv(boxes.covariances) / (1 + MERGED_CORRELATION) for boxes in (first, second)
+    sizes = (network.sizes + fitted.sizes) / 2
+    sizes[:, :2] = fitted.sizes[:, :2] + share[:, None] * (network.sizes - fitted.sizes)[:, :2]
+    network_weights, fitted_weights = (
+        np.linalg.inv(boxes.covariances) / (1 + MERGED_CORRELATION) for boxes in (network, fitted)
     )
-    covariances = np.asarray(np.linalg.inv(first_weights + second_weights), np.float64)
-    turn = wrap_angle(2 * (first.yaws - second.yaws)) / 2
-    apart = np.column_stack([first.centers[:, :2] - second.centers[:, :2], turn])
-    moved = np.einsum("nij,njk,nk->ni", covariances, first_weights, apart)
-    middles_m = (first.centers[:, 2] + second.centers[:, 2]) / 2
+    covariances = np.asarray(np.linalg.inv(network_weights + fitted_weights), np.float64)
+    turn = wrap_angle(2 * (network.yaws - fitted.yaws)) / 2
+    apart = np.column_stack([network.centers[:, :2] - fitted.centers[:, :2], turn])
+    moved = np.einsum("nij,njk,nk->ni", covariances, network_weights, apart)
+    middles_m = (network.centers[:, 2] + fitted.centers[:, 2]) / 2
     return replace(
-        second,
-        centers=np.column_stack([second.centers[:, :2] + moved[:, :2], middles_m]),
+        fitted,
+        centers=np.column_stack([fitted.centers[:, :2] + moved[:, :2], middles_m]),
         sizes=sizes,
-        yaws=wrap_angle(second.yaws + moved[:, 2]),
+        yaws=wrap_angle(fitted.yaws + moved[:, 2]),
         covariances=covariances,
     )
 

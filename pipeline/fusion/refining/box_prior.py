@@ -149,8 +149,8 @@ def box_prior(boxes: Boxes3D, lidar_xyz: F64, config: FuseConfig) -> BoxPrior:
     covariances[:, :2, 3:5] = -turn * shared[:, None]
     covariances[:, 3:5, :2] = covariances[:, :2, 3:5].swapaxes(1, 2)
     covariances[:, [3, 4], [3, 4]] = sizes
-    heights = np.where(is_seen, _height_sigmas(boxes, lidar_xyz), CLASS_SIZE_SIGMA)
-    covariances[:, 5, 5] = (heights * boxes.sizes[:, 2]) ** 2
+    height_sigmas = np.where(is_seen, _height_sigmas(boxes, lidar_xyz), CLASS_SIZE_SIGMA)
+    covariances[:, 5, 5] = (height_sigmas * boxes.sizes[:, 2]) ** 2
     speed = SPEED_SIGMA_PER_S * np.sqrt(extents.prod(1))
     covariances[:, 6, 6], covariances[:, 7, 7] = speed**2, (speed * extents.min(1) / extents.max(1)) ** 2
     covariances[:, 2, 2] += HEADING_SIGMA_RAD**2
