@@ -53,6 +53,16 @@ With `VEHICLE_VARIANCE` from drawn worlds, in which cars with 8, 100 and 1,000 p
 labelled real frames agree.
 """
 
+HEADING_VARIANCE = 0.1
+"""Variance of the heading of a vehicle with many points, as a share of that of its box."""
+
+HEADING_POINTS = 100.0
+"""Number of points at which this share grows by one.
+
+A fit to few points may follow the wrong side: headings of cars with 20, 60, 150 and more than 200 points are off by 22,
+11, 8 and 2 degrees (root mean square) in real and drawn recordings, where their boxes state 11, 7, 6 and 4.
+"""
+
 
 def merged(network: Boxes3D, fitted: Boxes3D, share: F64) -> Boxes3D:
     """The boxes of a network, merged with those fitted to the points in them, whose directions they keep.
@@ -87,9 +97,10 @@ def merged(network: Boxes3D, fitted: Boxes3D, share: F64) -> Boxes3D:
 
 
 def by_points(vehicles: Boxes3D) -> F64:
-    """(N, 3, 3) covariances of vehicles, with the variance of each position scaled by the number of points."""
-    share = VEHICLE_VARIANCE + VEHICLE_POINTS / np.maximum(vehicles.point_counts, 1)
-    scale = np.sqrt(np.column_stack([share, share, np.ones(len(share))]))
+    """(N, 3, 3) covariances of vehicles, with the variances of position and heading scaled by the number of points."""
+    points = np.maximum(vehicles.point_counts, 1)
+    share = VEHICLE_VARIANCE + VEHICLE_POINTS / points
+    scale = np.sqrt(np.column_stack([share, share, HEADING_VARIANCE + HEADING_POINTS / points]))
     return np.asarray(scale[:, :, None] * vehicles.covariances * scale[:, None])
 
 
