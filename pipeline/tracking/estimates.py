@@ -12,7 +12,19 @@ from typing import Self
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Table, first_of_runs
-from lidcam.pipeline.tracking.motion import HEADING, SPEED, STATE, TURN, Motions, Priors, at_centers, at_rear_axles
+from lidcam.pipeline.tracking.motion import (
+    HEADING,
+    ROBUST_DISTANCE,
+    SPEED,
+    STATE,
+    TURN,
+    Motions,
+    Priors,
+    at_centers,
+    at_rear_axles,
+    expected,
+    innovations,
+)
 from lidcam.pipeline.tracking.sightings import (
     FORWARD_LOG_ODDS,
     FRONT_PRIOR_VOTES,
@@ -168,6 +180,7 @@ def estimated(scene: Scene, track_of: I64, priors: Priors, history: History | No
     boxes = _resized_boxes(hits, sizes)
     free = _solved(scene, hits, _initial_courses(scene, hits, boxes, noise, of_class), boxes, noise)
     free, standing = _with_parked(scene, free, of_class)
+    noise = _reweighted(hits, free, boxes, noise)
     turned, fronts_known, front_log_odds = _fronts(scene, hits, free, standing, of_class, history)
 
     courses = _restarted(free, turned, standing, of_class.rear_m(sizes[:, 0]))
@@ -284,15 +297,24 @@ def _solved(
     return _Pass(courses, cells, cell_of_hit, at_centers(motions, np.repeat(courses.rear_m, courses.counts)))
 
 
+def _reweighted(hits: _Hits, solution: _Pass, boxes: F64, noise: F64) -> F64:
+    """(H, 3, 3) covariances of the boxes (H, 3), larger for those far beside the solved track."""
+    motions = solution.motions.select(solution.cell_of_hit)
+    found, _ = expected(motions, hits.sightings.later_s, np.zeros(len(boxes)))
+    beside = innovations(boxes, found)
+    distances = (beside * np.linalg.solve(noise, beside[..., None])[..., 0]).sum(1)
+    return np.asarray(noise * np.maximum(distances / ROBUST_DISTANCE, 1.0)[:, None, None])
+
+
 def _with_parked(scene: Scene, free: _Pass, of_class: Priors) -> tuple[_Pass, Bools]:
-    """The solution with parked tracks along their axes, and the cells (N,) in which tracks stand."""
+    """The solution with parked tracks at their places, and the cells (N,) in which tracks stand."""
     courses, motions = free.courses, free.motions
     standing = find_standing(scene.stamps_s, courses, free.cells, motions, of_class)
-    standing, axes = find_parked(courses, free.cells, motions, of_class, standing)
-    is_parked = np.isfinite(axes)
+    standing, poses = find_parked(courses, free.cells, motions, of_class, standing)
+    is_parked = np.isfinite(poses[:, HEADING])
     in_parked = is_parked[courses.cell_tracks]
     states, covariances = motions.states.copy(), courses.covariances.copy()
-    states[in_parked, HEADING] = axes[courses.cell_tracks[in_parked]]
+    states[in_parked, : HEADING + 1] = poses[courses.cell_tracks[in_parked]]
     covariances[is_parked, HEADING, HEADING] = AXIS_SIGMA_RAD**2
     courses = replace(courses, covariances=covariances)
     return replace(free, courses=courses, motions=replace(motions, states=states)), standing

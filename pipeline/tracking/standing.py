@@ -104,7 +104,7 @@ def _are_static(stamps_s: F64, courses: Courses, cells: Cells, of_class: Priors)
 def find_parked(
     courses: Courses, cells: Cells, motions: Motions, of_class: Priors, standing: Bools
 ) -> tuple[Bools, F64]:
-    """The cells (N,) in which a track stands, and axes (T,) of those that stand in all of theirs, else NaN.
+    """The cells (N,) in which a track stands, and x, y, axis (T, 3) of those that stand in all of theirs, else NaN.
 
     A track that stands in most frames is parked throughout, unless boxes along its axis show it elsewhere: far away,
     boxes of few points are turned and displaced.
@@ -114,8 +114,8 @@ def find_parked(
     variances = np.trace(cells.noise[:, :2, :2], axis1=1, axis2=2)
     weights = cells.are_seen / variances
     mostly = np.bincount(tracks, weights * standing, count) > MIN_PARKED_SHARE * np.bincount(tracks, weights, count)
-    parked_at = [weighted_quantiles(xy[:, axis], standing.astype(np.float64), tracks, count, 0.5) for axis in (0, 1)]
-    distances = np.linalg.norm(cells.boxes[:, :2] - np.stack(parked_at, 1)[tracks], axis=1)
+    places = [weighted_quantiles(xy[:, axis], standing.astype(np.float64), tracks, count, 0.5) for axis in (0, 1)]
+    distances = np.linalg.norm(cells.boxes[:, :2] - np.stack(places, 1)[tracks], axis=1)
     weights = np.where(cells.are_seen & standing, 1 / cells.noise[:, 2, 2], 0.0)
     cos, sin = (np.bincount(tracks, weights * of(2 * cells.boxes[:, 2]), count) for of in (np.cos, np.sin))
     axes = np.arctan2(sin, cos) / 2
@@ -124,7 +124,7 @@ def find_parked(
     moved = np.bincount(tracks, cells.are_seen & along & is_away, count)
     standing = standing | (mostly & (moved == 0) & of_class.show_axis)[tracks]
     throughout = (np.bincount(tracks, ~standing, count) == 0) & of_class.show_axis
-    return standing, np.where(throughout, axes, np.nan)
+    return standing, np.where(throughout[:, None], np.column_stack([*places, axes]), np.nan)
 
 
 def driven_paths(motions: Motions, sites_xy: F64, stamps_s: F64) -> F64:

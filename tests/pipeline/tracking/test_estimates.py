@@ -129,6 +129,15 @@ def test_what_stands_is_not_turned_by_the_boxes_of_few_points_that_it_begins_wit
     assert np.abs(np.sin(found.motions.states[:, HEADING])).max() < 0.1
 
 
+def test_a_first_box_beside_a_parked_car_does_not_hold_it_there() -> None:
+    """Twice a second, so that it could have driven from there."""
+    whole, labels = one_track(scene([Mover(straight(0, 0, 0, 0))], 50)[::5])
+    whole.sightings.boxes[0] += [-1.5, 4.9, 0.4]
+    whole.sightings.covariances[0] *= 16
+    found = estimated(whole, labels, PRIORS)
+    np.testing.assert_allclose(found.motions.states[:, :2], 0.0, atol=0.3)
+
+
 def test_boxes_across_a_vehicle_that_stands_do_not_turn_it_round() -> None:
     across = {20 + k: 0.3 + 0.3 * k for k in range(9)}
     frames = scene([Mover(lambda t: (0.9 * (t > 2.4), 0.0, across.get(round(t / PERIOD_S), 0.0)))], 40)
