@@ -31,6 +31,9 @@ MISS_LOG_ODDS = -2.0
 MISS_MARGIN_S = 0.25
 """Time before and after a sighting in which misses count, seconds; later, the object may be hidden."""
 
+MAX_MISS_STEP_S = 0.75
+"""Maximum time from a sighting to the next frame in which a miss counts, seconds, where frames are rare."""
+
 PLAIN_POINTS = 200.0
 """Number of lidar points with half the weight of any number: a view of few points is a poorer view of the same thing,
 which says nothing that a better one does not."""
@@ -114,8 +117,11 @@ class OfflineTracker:
         tracks, count = estimates.courses.cell_tracks, len(estimates)
         log_odds, weights = _evidence(scene, estimates)
         stamps_s, courses = scene.stamps_s, estimates.courses
+        steps_s = np.diff(stamps_s, prepend=-np.inf, append=np.inf)
         begins = np.searchsorted(stamps_s, stamps_s[courses.firsts] - MISS_MARGIN_S)
+        begins = np.minimum(begins, courses.firsts - (steps_s[courses.firsts] <= MAX_MISS_STEP_S))
         ends = np.searchsorted(stamps_s, stamps_s[courses.lasts] + MISS_MARGIN_S, side="right") - 1
+        ends = np.maximum(ends, courses.lasts + (steps_s[courses.lasts + 1] <= MAX_MISS_STEP_S))
         first = courses.starts[:-1]
         first_weights = np.where(history.ids > 0, 0.0, weights[first])
         missed = (courses.firsts - begins) * first_weights + (ends - courses.lasts) * weights[courses.starts[1:] - 1]
@@ -195,7 +201,9 @@ def _evidence(scene: Scene, estimates: Estimates) -> tuple[F64, F64]:
     points = np.interp(cells, seen, np.maximum(scene.sightings.point_counts[rows], 1))
     stamps_s = scene.stamps_s[estimates.courses.cell_frames]
     before, after = seen[np.searchsorted(seen, cells, side="right") - 1], seen[np.searchsorted(seen, cells)]
-    counts = np.minimum(stamps_s - stamps_s[before], stamps_s[after] - stamps_s) <= MISS_MARGIN_S
+    after_s = np.minimum(stamps_s - stamps_s[before], stamps_s[after] - stamps_s)
+    is_next = np.minimum(cells - before, after - cells) <= 1
+    counts = after_s <= np.where(is_next, MAX_MISS_STEP_S, MISS_MARGIN_S)
     return log_odds, counts * points / (points + PLAIN_POINTS)
 
 

@@ -58,9 +58,12 @@ def test_frames_that_are_far_apart_have_their_objects() -> None:
     assert ids(tracked(frames)) == [[3 * k + 1, 3 * k + 2, 3 * k + 3] for k in range(5)]
 
 
-@pytest.mark.parametrize(("frames", "count"), [([7], 0), ([7, 8], 0), (range(7, 12), 5)])
-def test_what_is_seen_for_a_moment_only_is_left_out(frames: Sequence[int], count: int) -> None:
-    rows = tracked(scene([Mover(straight(0, 0, 0, 0), belief=0.9, seen=lambda k: k in frames)], 20))
+@pytest.mark.parametrize(
+    ("frames", "every", "count"), [([7], 1, 0), ([7, 8], 1, 0), (range(7, 12), 1, 5), ([10], 5, 0), ([10], 10, 1)]
+)
+def test_what_is_seen_for_a_moment_only_is_left_out(frames: Sequence[int], every: int, count: int) -> None:
+    """A second later, it may be gone."""
+    rows = tracked(scene([Mover(straight(0, 0, 0, 0), belief=0.9, seen=lambda k: k in frames)], 20)[::every])
     assert sum(map(len, rows)) == count
 
 
