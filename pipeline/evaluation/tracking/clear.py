@@ -11,42 +11,32 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Bools
+from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices
 from lidcam.pipeline.evaluation.assignment import dense_assignment, far_cost, is_alone
+from lidcam.pipeline.evaluation.detection.curves import ratio
 from lidcam.pipeline.evaluation.tracking.table import TrackTable
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Matches:
-    """Matches of true objects with boxes."""
-
-    pairs: I64  # (K,) int64, rows of the table's pairs, ordered by true track, then by frame
-    is_switch: Bools  # (K,) bool, whether the object's match before this one had another track
 
 
 @dataclass(frozen=True, slots=True)
 class ClearCounts:
     """Sums over all frames."""
 
-    truth: int
-    found: int
+    truth: int  # True objects
+    found: int  # Boxes found
     matches: int
-    switches: int
-    distance_m: float
+    switches: int  # Matches of an object whose match before had another track
+    distance_m: float  # Of the matches
     fragmentations: int
+    identity_matches: int  # Boxes near their object, if each true track has at most one track found for all of its time
 
 
-def match_clear(table: TrackTable) -> Matches:
-    """Match the objects of each frame with the boxes found, in the order of time."""
+def match_clear(table: TrackTable) -> Indices:
+    """(K,) pairs of the table in which objects and boxes match, in each frame, by true track, then by frame."""
     pairs = np.flatnonzero(table.pairs.distances_m < table.max_distance_m)
     first, second = table.pairs.truth[pairs], table.pairs.found[pairs]
     chosen = _chosen(table, first, second, table.pairs.distances_m[pairs])
     pairs, first = pairs[chosen], first[chosen]
-    order = np.lexsort((table.truth.frames[first], table.truth.tracks[first]))
-    truth_tracks, found_tracks = table.truth.tracks[first[order]], table.found.tracks[second[chosen][order]]
-    is_switch = np.zeros(len(order), np.bool_)
-    is_switch[1:] = (np.diff(truth_tracks) == 0) & (np.diff(found_tracks) != 0)
-    return Matches(pairs[order], is_switch)
+    return pairs[np.lexsort((table.truth.frames[first], table.truth.tracks[first]))]
 
 
 def _chosen(table: TrackTable, first: I64, second: I64, distances_m: F64) -> Bools:
@@ -70,9 +60,10 @@ def _chosen(table: TrackTable, first: I64, second: I64, distances_m: F64) -> Boo
     return chosen
 
 
-def count_clear(table: TrackTable, matches: Matches) -> ClearCounts:
-    """The counts of one class."""
-    rows = table.pairs.truth[matches.pairs]
+def count_clear(table: TrackTable, matches: Indices) -> ClearCounts:
+    """The counts of one class; `matches` as of `match_clear`."""
+    rows, boxes = table.pairs.truth[matches], table.pairs.found[matches]
+    is_switch = (np.diff(table.truth.tracks[rows]) == 0) & (np.diff(table.found.tracks[boxes]) != 0)
     order = np.lexsort((table.truth.frames, table.truth.tracks))
     is_matched = np.zeros(len(order), np.bool_)
     is_matched[rows] = True
@@ -86,43 +77,39 @@ def count_clear(table: TrackTable, matches: Matches) -> ClearCounts:
         truth=len(order),
         found=len(table.found),
         matches=len(rows),
-        switches=int(matches.is_switch.sum()),
-        distance_m=float(table.pairs.distances_m[matches.pairs].sum()),
+        switches=int(is_switch.sum()),
+        distance_m=float(table.pairs.distances_m[matches].sum()),
         fragmentations=losses - lost_for_good,
+        identity_matches=_identity_matches(table),
     )
 
 
 def clear_figures(counts: ClearCounts) -> dict[str, float | int | None]:
-    """MOTA and what it is made of; None where there is nothing to measure."""
-    misses, false_positives = counts.truth - counts.matches, counts.found - counts.matches
+    """MOTA and IDF1, and what they are made of; None where there is nothing to measure."""
+    truth, found, same = counts.truth, counts.found, counts.identity_matches
+    misses, false_positives = truth - counts.matches, found - counts.matches
     errors = misses + false_positives + counts.switches
     return {
-        "mota": 1 - errors / counts.truth if counts.truth else None,
-        "motp_m": counts.distance_m / counts.matches if counts.matches else None,
-        "recall": counts.matches / counts.truth if counts.truth else None,
-        "precision": counts.matches / counts.found if counts.found else None,
+        "mota": 1 - errors / truth if truth else None,
+        "motp_m": ratio(counts.distance_m, counts.matches),
+        "recall": ratio(counts.matches, truth),
+        "precision": ratio(counts.matches, found),
         "false_positives": false_positives,
         "misses": misses,
         "id_switches": counts.switches,
         "fragmentations": counts.fragmentations,
+        "idf1": ratio(2 * same, truth + found),
+        "idp": ratio(same, found),
+        "idr": ratio(same, truth),
     }
 
 
-@dataclass(frozen=True, slots=True)
-class IdentityCounts:
-    """Counts of matches if each true track has at most one track found for all of its time."""
-
-    truth: int  # True objects in all frames
-    found: int  # Boxes found in all frames
-    matches: int  # Of both, those in frames in which the two tracks of a pair are near each other
-
-
-def count_identity(table: TrackTable) -> IdentityCounts:
-    """The counts of one class, of the pairs of tracks with the most matches."""
+def _identity_matches(table: TrackTable) -> int:
+    """Boxes near their object, of the pairs of tracks that have the most of them."""
     near = table.pairs.distances_m < table.max_distance_m
     tracks = table.truth.tracks[table.pairs.truth[near]], table.found.tracks[table.pairs.found[near]]
     pairs, counts = np.unique(np.stack(tracks, 1), axis=0, return_counts=True)
-    return IdentityCounts(len(table.truth), len(table.found), _most(pairs, counts))
+    return _most(pairs, counts)
 
 
 def _most(pairs: I64, counts: I64) -> int:
@@ -146,13 +133,3 @@ def _most(pairs: I64, counts: I64) -> int:
     graph = csr_array((weights, (rows, columns)), shape=(len(truth), len(truth) + len(found)))
     chosen = min_weight_full_bipartite_matching(graph, maximize=True)
     return int(graph[chosen].sum()) - len(truth)
-
-
-def identity_figures(counts: IdentityCounts) -> dict[str, float | None]:
-    """IDF1, precision and recall; None where there is nothing to measure."""
-    both = counts.truth + counts.found
-    return {
-        "idf1": 2 * counts.matches / both if both else None,
-        "idp": counts.matches / counts.found if counts.found else None,
-        "idr": counts.matches / counts.truth if counts.truth else None,
-    }

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, Bools, join_rows
+from lidcam.pipeline.core.arrays import F64, Bools, Indices, join_rows
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.evaluation.scales import is_flip
-from lidcam.pipeline.evaluation.tracking.clear import Matches
 from lidcam.pipeline.evaluation.tracking.table import TrackTable
 
 
@@ -25,13 +24,13 @@ class Courses:
     heading_flips: int  # Turns of more than 90 degrees that an object did not make
 
 
-def follow(table: TrackTable, matches: Matches) -> Courses:
-    """Follow the tracks of one class."""
+def follow(table: TrackTable, matches: Indices) -> Courses:
+    """Follow the tracks of one class; `matches` as of `match_clear`."""
     found = table.found
     first = np.unique(found.tracks, return_index=True)[1]
     last = len(found) - 1 - np.unique(found.tracks[::-1], return_index=True)[1]  # frames rise
     boxes = np.bincount(found.tracks)
-    matched = np.bincount(found.tracks[table.pairs.found[matches.pairs]], minlength=len(boxes))
+    matched = np.bincount(found.tracks[table.pairs.found[matches]], minlength=len(boxes))
     return Courses(
         truth_tracks=table.truth.track_count,
         durations_s=(table.stamps_ns[found.frames[last]] - table.stamps_ns[found.frames[first]]) / 1e9,
@@ -60,9 +59,9 @@ def course_figures(courses: Courses) -> dict[str, float | int | None]:
     }
 
 
-def _flips(table: TrackTable, matches: Matches) -> int:
+def _flips(table: TrackTable, matches: Indices) -> int:
     """How often a track has turned by more than 90 degrees since its last match, but not its object."""
-    truth, found = table.pairs.truth[matches.pairs], table.pairs.found[matches.pairs]
+    truth, found = table.pairs.truth[matches], table.pairs.found[matches]
     order = np.lexsort((table.found.frames[found], table.found.tracks[found]))
     truth, found = truth[order], found[order]
     same = (np.diff(table.found.tracks[found]) == 0) & (np.diff(table.truth.tracks[truth]) == 0)

@@ -6,21 +6,13 @@ from typing import TypeVar
 
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Figure, Figures
-from lidcam.pipeline.evaluation.tracking.clear import (
-    ClearCounts,
-    IdentityCounts,
-    clear_figures,
-    count_clear,
-    count_identity,
-    identity_figures,
-    match_clear,
-)
+from lidcam.pipeline.evaluation.tracking.clear import ClearCounts, clear_figures, count_clear, match_clear
 from lidcam.pipeline.evaluation.tracking.collect import Collection
 from lidcam.pipeline.evaluation.tracking.courses import course_figures, follow, total_courses
 from lidcam.pipeline.evaluation.tracking.hota import HotaCounts, count_hota, hota_figures
 from lidcam.pipeline.evaluation.tracking.table import TrackTable
 
-Counts = TypeVar("Counts", ClearCounts, HotaCounts, IdentityCounts)
+Counts = TypeVar("Counts", ClearCounts, HotaCounts)
 
 
 class TrackingEvaluation:
@@ -57,7 +49,6 @@ class _Counts:
     def __init__(self, table: TrackTable) -> None:
         matches = match_clear(table)
         self.clear = count_clear(table, matches)
-        self.identity = count_identity(table)
         self.hota = count_hota(table)
         self.courses = follow(table, matches)
 
@@ -66,7 +57,6 @@ def _figures(parts: Sequence[_Counts]) -> dict[str, Figure]:
     return {
         **hota_figures(_summed([part.hota for part in parts])),
         **clear_figures(_summed([part.clear for part in parts])),
-        **identity_figures(_summed([part.identity for part in parts])),
         **course_figures(total_courses([part.courses for part in parts])),
     }
 
