@@ -12,11 +12,6 @@ from lidcam.pipeline.evaluation.evaluation_frame import Figures
 _BINS = 10
 
 
-def f1(right: int, false: int, truth: int) -> float | None:
-    """Harmonic mean of precision and recall; None without true objects."""
-    return ratio(2 * right, truth + right + false) if truth else None
-
-
 def count_figures(curve: Curve, ignored: int, truth_ignored: int) -> dict[str, float | int | None]:
     """Counts, precision and recall of all that is reported.
 
@@ -33,7 +28,7 @@ def count_figures(curve: Curve, ignored: int, truth_ignored: int) -> dict[str, f
         "ignored": ignored,
         "precision": ratio(right, right + false),
         "recall": ratio(right, curve.truth),
-        "f1": f1(right, false, curve.truth),
+        "f1": ratio(2 * right, curve.truth + right + false) if curve.truth else None,
     }
 
 

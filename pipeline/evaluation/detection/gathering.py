@@ -11,7 +11,7 @@ from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.detection.criteria import Criteria
 from lidcam.pipeline.evaluation.detection.errors import Column, errors_of_pairs
 from lidcam.pipeline.evaluation.detection.matching import match_criteria
-from lidcam.pipeline.evaluation.detection.tables import FoundTable, Labels, TruthTable
+from lidcam.pipeline.evaluation.detection.tables import FoundTable, TruthTable
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
 from lidcam.pipeline.evaluation.ignoring import is_evaluated, is_within
 from lidcam.pipeline.evaluation.near_objects import FoundObjects, TrueObjects, pairs_near
@@ -34,7 +34,6 @@ class Gathering:
     """
 
     def __init__(self, config: Config, zones: Sequence[Zone]) -> None:
-        self.labels = Labels()
         self.stamps_ns: list[int] = []
         self.frames_without_truth = 0
         self._settings = config.evaluate
@@ -97,9 +96,8 @@ class Gathering:
         return TruthTable(
             frames=truth.frames,
             class_ids=boxes.class_ids,
-            labels=self.labels.numbers(boxes.labels),
+            labels=boxes.labels,
             parts=self._parts(boxes.centers),
-            yaws=boxes.yaws.astype(np.float32),
             is_evaluated=is_evaluated(boxes, self._settings),
             track_ids=boxes.track_ids,
             poses=ground_poses(boxes.centers, boxes.yaws, truth.frames, poses, first),
@@ -128,7 +126,6 @@ class Gathering:
             class_ids=boxes.class_ids,
             scores=boxes.scores,
             parts=self._parts(boxes.centers),
-            yaws=boxes.yaws.astype(np.float32),
             matches=np.where(matches >= 0, matches + self._truth_count, matches).astype(np.int32),
             errors=errors,
             velocities=np.column_stack([velocities, found.motion.yaw_rates]).astype(np.float32),

@@ -51,7 +51,6 @@ class Site:
     class_names: tuple[str, ...]  # By class id
     criteria: Criteria  # When a detection counts as right
     truth: TruthTable  # All true objects
-    labels: tuple[str, ...]  # The truth's own names of classes, by number
     parts: tuple[Part, ...]  # The parts of the site, in the order of the columns of the tables
     frames: int  # Frames that are evaluated
     frames_without_truth: int  # Frames that are not
@@ -77,7 +76,6 @@ class Site:
             class_names=config.class_names,
             criteria=Criteria.of(config),
             truth=truth,
-            labels=gathering.labels.names,
             parts=(*ranges, *(Part("zones", zone.name, {}) for zone in zones)),
             frames=len(gathering.stamps_ns),
             frames_without_truth=gathering.frames_without_truth,
@@ -205,11 +203,12 @@ class Source:
         is_counted = self.is_evaluated(class_id)
         is_right = np.zeros(len(truth), np.bool_)
         is_right[detections.truth_rows[detections.is_right]] = True
-        return {
-            name: _recall(is_counted & (truth.labels == row), is_right)
-            for row, name in sorted(enumerate(self.site.labels), key=lambda item: item[1])
-            if (is_counted & (truth.labels == row)).any()
-        }
+        figures: dict[str, Figures] = {}
+        for name in np.unique(truth.labels[is_counted]).tolist():
+            is_own = is_counted & (truth.labels == name)
+            count, right = int(is_own.sum()), int((is_own & is_right).sum())
+            figures[name] = {"truth": count, "right": right, "recall": ratio(right, count)}
+        return figures
 
     def _distances_m(self, class_id: int) -> list[Figures]:
         scale = self.site.criteria.scales[class_id]
@@ -218,8 +217,3 @@ class Source:
 
 def _is_of(class_ids: I32, class_id: int | None) -> Bools:
     return np.ones(len(class_ids), np.bool_) if class_id is None else class_ids == class_id
-
-
-def _recall(is_counted: Bools, is_right: Bools) -> Mapping[str, float | int | None]:
-    truth, right = int(is_counted.sum()), int((is_counted & is_right).sum())
-    return {"truth": truth, "right": right, "recall": ratio(right, truth)}

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools, Indices, Names, Table
 
 FALSE = -1
@@ -19,9 +17,8 @@ class TruthTable(Table):
 
     frames: I32  # (T,) int32, number of the evaluated frame
     class_ids: I32  # (T,) int32, row of the configured classes, or `UNKNOWN`
-    labels: I32  # (T,) int32, number of the label
+    labels: Names  # (T,) str, the truth's own names of their classes
     parts: Bools  # (T, P) bool, parts of the site in which it lies
-    yaws: F32  # (T,) float32
     is_evaluated: Bools  # (T,) bool; False for what is neither a miss nor an error
     track_ids: I64  # (T,) int64, the same for the same object in all frames, or `UNKNOWN`
     poses: F64  # (T, 3) float64, x, y (metres) and yaw over the ground; NaN where not known
@@ -35,28 +32,10 @@ class FoundTable:
     class_ids: I32  # (N,) int32, row of the configured classes
     scores: F32  # (N,) float32
     parts: Bools  # (N, P) bool, parts of the site in which it lies
-    yaws: F32  # (N,) float32
     matches: I32  # (N, K) int32 by criterion, row of the true object that the detection shows; or `FALSE`, `IGNORED`
     errors: F32  # (N, 8) float32, errors of the matches by `Criteria.position`, by `Column`; NaN without a match
     velocities: F32  # (N, 3) float32, along x and y of the ground in m/s, and yaw rate in rad/s; NaN where not known
     is_predicted: Bools  # (N,) bool, whether nothing of the object was seen in this frame
-
-
-class Labels:
-    """Numbers of the truth's own names of classes, in the order in which they appear."""
-
-    def __init__(self) -> None:
-        self._numbers: dict[str, int] = {}
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The labels by number."""
-        return tuple(self._numbers)
-
-    def numbers(self, labels: Names) -> I32:
-        """(T,) int32, the numbers of labels (T,)."""
-        names, rows = np.unique(labels, return_inverse=True)
-        return np.array([self._numbers.setdefault(str(name), len(self._numbers)) for name in names], np.int32)[rows]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
