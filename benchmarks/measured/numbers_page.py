@@ -19,6 +19,7 @@ from pages import ROOT, run_lidcam, table
 from tracks_table import measured_tracks, tracks_table
 
 from lidcam.cli.printing.numbers import NONE, number, percent, share, signed
+from lidcam.pipeline.evaluation.evaluation_frame import figure_at
 from lidcam.readers.results.result import open_result
 
 PAGE, DETAILS_PAGE = ROOT / "docs" / "numbers.md", ROOT / "docs" / "research" / "numbers.md"
@@ -194,7 +195,7 @@ def verdicts(figures: Tree) -> Iterator[str]:
     singles = [source for source in figures["sources"] if source != "fused"]
     rows = [
         [name]
-        + [_verdict(_named(figures["fusion_gain"][name], key)) for key in GAINS.values()]
+        + [_verdict(figure_at(figures["fusion_gain"][name], key)) for key in GAINS.values()]
         + [_verdict(figures["fusion_gain"][name]["same_objects"][single]) for single in singles]
         for name in names
     ]
@@ -209,12 +210,6 @@ def _verdict(gain: Tree) -> str:
         return value
     certain = "better" if gain["low"] > 0 else "worse" if gain["high"] < 0 else "open"
     return f"{certain}: {value} ({signed(gain['low'], 2)} to {signed(gain['high'], 2)})"
-
-
-def _named(tree: Tree, name: str) -> Tree:
-    for part in name.split("."):
-        tree = tree[part]
-    return tree
 
 
 def classes_met(figures: Tree) -> list[str]:

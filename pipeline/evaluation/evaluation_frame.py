@@ -2,7 +2,9 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Protocol, Self, TypeAlias, Union
+from functools import reduce
+from operator import getitem
+from typing import Any, ClassVar, Protocol, Self, TypeAlias, Union
 
 import numpy as np
 
@@ -20,6 +22,11 @@ Figure: TypeAlias = float | int | str | bool | None
 
 Figures: TypeAlias = Mapping[str, Union["Figures", Sequence["Figures"], Figure]]
 """A tree of figures by name, as JSON has it; the names are lower case, joined by underscores."""
+
+
+def figure_at(tree: Any, name: str) -> Any:
+    """The figure of a dotted name in a tree of figures."""
+    return reduce(getitem, name.split("."), tree)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,6 +13,7 @@ from lidcam.cli.printing.tables import ColumnsTable, rows_table
 from lidcam.cli.printing.terminal import show_line, show_table
 from lidcam.evaluation.evaluation import Evaluation
 from lidcam.evaluation.requirement import Outcome
+from lidcam.pipeline.evaluation.evaluation_frame import figure_at
 
 ALL = "all"
 """Name in place of a class: all objects, or the mean of the classes."""
@@ -344,15 +345,9 @@ def _figures_table(
     """A row for each tree of figures, after its names."""
     table = ColumnsTable(title, *first, *(heading for heading, _, _ in columns), text_columns=first)
     for names, tree in rows:
-        cells = (form(_figure(tree, path)) for _, path, form in columns)
+        cells = (form(figure_at(tree, path)) for _, path, form in columns)
         table.add_row(*((names,) if isinstance(names, str) else names), *cells)
     return table
-
-
-def _figure(tree: Any, path: str) -> Any:
-    for key in path.split("."):
-        tree = tree[key]
-    return tree
 
 
 def _overlap(figures: Tree, beginning: str = AP_BEV, wanted: str = "50") -> str:

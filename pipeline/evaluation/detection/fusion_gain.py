@@ -12,7 +12,7 @@ from lidcam.pipeline.evaluation.detection.averages import overlap_name
 from lidcam.pipeline.evaluation.detection.errors import bird_eye_m
 from lidcam.pipeline.evaluation.detection.resampling import Resampling, sampled_ap
 from lidcam.pipeline.evaluation.detection.source import Source
-from lidcam.pipeline.evaluation.evaluation_frame import Figures
+from lidcam.pipeline.evaluation.evaluation_frame import Figures, figure_at
 
 _FUSED = "fused"
 _IOU = 0.5
@@ -47,7 +47,7 @@ def fusion_gain(sources: Mapping[str, Source], figures: Mapping[str, Figures], r
     for class_name, by_figure in samples[_FUSED].items():
         gain: dict[str, Any] = {"blocks": resampling.block_count}
         for name in by_figure:
-            values = {source: _named(figures[source][class_name], name) for source in sources}
+            values = {source: figure_at(figures[source][class_name], name) for source in sources}
             drawn = {source: samples[source][class_name][name] for source in sources} if has_interval else {}
             gain[name] = _gain(values, drawn, singles, sign=-1 if name == _POSITION else 1)
         gain["errors"] = {"position_bev_m": {"mean": gain.pop(_POSITION)}}
@@ -132,13 +132,6 @@ def _ratio(part: F64, whole: F64) -> F64:
 def _mean(values: list[F64]) -> F64:
     defined = np.isfinite(values)
     return _ratio(np.where(defined, values, 0.0).sum(0), defined.sum(0).astype(np.float64))
-
-
-def _named(tree: Any, name: str) -> float | None:
-    for part in name.split("."):
-        tree = tree[part]
-    found: float | None = tree
-    return found
 
 
 def _gain_on_same_objects(

@@ -11,7 +11,7 @@ from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.evaluate import EvaluateConfig
 from lidcam.pipeline.evaluation.detection.resampling import Resampling
-from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame
+from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, figure_at
 
 SIZE_M = (4.0, 2.0, 1.5)
 CLASSES = tuple(ClassPrior(name=name, size_m=SIZE_M, max_size_m=(9.0, 9.0, 9.0)) for name in ("car", "bus"))
@@ -50,12 +50,6 @@ def drive(frames: int, noise_m: dict[str, float], seed: int = 0) -> list[Evaluat
     return made
 
 
-def figure(tree: Any, name: str) -> Any:
-    for part in name.split("."):
-        tree = tree[part]
-    return tree
-
-
 def only(source: str, frames: list[EvaluationFrame]) -> list[EvaluationFrame]:
     return [replace(frame, sources={source: frame.sources[source]}) for frame in frames]
 
@@ -73,16 +67,16 @@ def test_equal_to_recordings_put_together_from_the_drawn_blocks() -> None:
         samples.append({name: evaluated(only(name, [frames[row] for row in rows]), CONFIG) for name in SOURCES})
     for class_name in ("car", "bus", "all"):
         for name in FIGURES:
-            gain = figure(figures["fusion_gain"][class_name], name)
+            gain = figure_at(figures["fusion_gain"][class_name], name)
             sign = -1 if name.startswith("errors") else 1
             values = {
-                source: [figure(sample[source]["sources"][source][class_name], name) for sample in samples]
+                source: [figure_at(sample[source]["sources"][source][class_name], name) for sample in samples]
                 for source in SOURCES
             }
             low, high = np.percentile(sign * np.subtract(values["fused"], values["lidar"]), [2.5, 97.5])
             assert gain["low"] == pytest.approx(low, abs=1e-6), (class_name, name)
             assert gain["high"] == pytest.approx(high, abs=1e-6), (class_name, name)
-            fused, lidar = (figure(figures["sources"][source][class_name], name) for source in SOURCES)
+            fused, lidar = (figure_at(figures["sources"][source][class_name], name) for source in SOURCES)
             assert gain["value"] == pytest.approx(sign * (fused - lidar), abs=1e-12)
             assert (gain["fused"], gain["over"]) == (fused, "lidar")
 
@@ -91,10 +85,10 @@ def test_fusion_that_takes_away_is_said_so() -> None:
     worse = evaluated(drive(80, {"lidar": 0.1, "fused": 1.0}), CONFIG)["fusion_gain"]
     better = evaluated(drive(80, {"lidar": 1.0, "fused": 0.1}), CONFIG)["fusion_gain"]
     for name in ("ap_bev_r40_50", "errors.position_bev_m.mean"):
-        assert figure(worse["all"], name)["high"] < 0
-        assert figure(worse["all"], name)["takes_away"] is True
-        assert figure(better["all"], name)["low"] > 0
-        assert figure(better["all"], name)["takes_away"] is False
+        assert figure_at(worse["all"], name)["high"] < 0
+        assert figure_at(worse["all"], name)["takes_away"] is True
+        assert figure_at(better["all"], name)["low"] > 0
+        assert figure_at(better["all"], name)["takes_away"] is False
 
 
 def test_what_differs_by_rounding_alone_is_no_gain() -> None:
