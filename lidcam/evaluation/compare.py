@@ -132,7 +132,7 @@ def _pairs(first: Result, second: Result, start_ns: int, advance: Advance) -> It
     """The frames of both, with progress."""
     for number, pair in enumerate(paired_frames(first.frames(), second.frames())):
         yield pair
-        log_time_ns = max(frame.log_time_ns for frame in (pair.first, pair.second) if frame is not None)
+        log_time_ns = max(frame.log_time_ns for frame in pair if frame is not None)
         advance((log_time_ns - start_ns) / 1e9, f"{number + 1} frames")
 
 

@@ -143,13 +143,14 @@ class Comparison:
 
     def add_pair(self, pair: FramePair) -> None:
         """Take in two frames; of a frame that one result alone has, the objects do not count."""
+        first, second = pair
         if self._start_ns is None:
-            self._start_ns = min(frame.stamp_ns for frame in (pair.first, pair.second) if frame is not None)
-        if pair.first is None or pair.second is None:
-            self._frames["frames_only_in_a" if pair.second is None else "frames_only_in_b"] += 1
+            self._start_ns = min(frame.stamp_ns for frame in pair if frame is not None)
+        if first is None or second is None:
+            self._frames["frames_only_in_a" if second is None else "frames_only_in_b"] += 1
             self.close()
         else:
-            found = [self._compare(channel, pair.first, pair.second) for channel in self._all_channels]
+            found = [self._compare(channel, first, second) for channel in self._all_channels]
             self._frames["frames"] += 1
             self._frames["frames_different"] += any(found)
         self._pairs += 1

@@ -1,7 +1,6 @@
 """Frames of two results that show the same moment."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 from lidcam.pipeline.evaluation.evaluation_frame import ResultFrame
 
@@ -9,12 +8,8 @@ MAX_APART_NS = 10_000_000
 """Maximum difference of the stamps of frames that show the same moment."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FramePair:
-    """The frames of A and B at one time; one of them is None where the other result alone has a frame."""
-
-    first: ResultFrame | None
-    second: ResultFrame | None
+FramePair = tuple[ResultFrame | None, ResultFrame | None]
+"""The frames of A and B at one time; one of them is None where the other result alone has a frame."""
 
 
 def paired_frames(first: Iterable[ResultFrame], second: Iterable[ResultFrame]) -> Iterator[FramePair]:
@@ -26,18 +21,18 @@ def paired_frames(first: Iterable[ResultFrame], second: Iterable[ResultFrame]) -
     a, b = _Ahead(first), _Ahead(second)
     while a.here is not None or b.here is not None:
         if a.here is None or b.here is None:
-            yield FramePair(a.take(), b.take())
+            yield a.take(), b.take()
             continue
         is_first_earlier = a.here.stamp_ns <= b.here.stamp_ns
         earlier, later = (a, b.here) if is_first_earlier else (b, a.here)
         apart_ns = abs(a.here.stamp_ns - b.here.stamp_ns)
         is_nearer_later = earlier.after is not None and abs(earlier.after.stamp_ns - later.stamp_ns) < apart_ns
         if apart_ns <= MAX_APART_NS and not is_nearer_later:
-            yield FramePair(a.take(), b.take())
+            yield a.take(), b.take()
         elif is_first_earlier:
-            yield FramePair(a.take(), None)
+            yield a.take(), None
         else:
-            yield FramePair(None, b.take())
+            yield None, b.take()
 
 
 class _Ahead:

@@ -16,8 +16,8 @@ def frames(stamps_ms: list[int]) -> list[ResultFrame]:
 def paired(first: list[int], second: list[int]) -> Pairs:
     """Rows of each pair."""
     return [
-        (one.first.index if one.first is not None else None, one.second.index if one.second is not None else None)
-        for one in paired_frames(frames(first), frames(second))
+        (None if one is None else one.index, None if other is None else other.index)
+        for one, other in paired_frames(frames(first), frames(second))
     ]
 
 
