@@ -15,10 +15,10 @@ def curves_figure(plots: DetectionPlots, class_names: Sequence[str]) -> Figure:
     """Precision over recall of each source, class by class."""
     traces, truth = [], {}
     for class_id, name in enumerate(class_names):
-        for source in plots.sources:
+        for source, counts in plots.truth_counts.items():
             scores, recall, precision = plots.curve(source, class_id)
             if len(scores):
-                truth[name] = plots.truth_count(source, class_id)
+                truth[name] = int(counts[class_id])
                 shown = {
                     "meta": name,
                     "customdata": rounded(scores),

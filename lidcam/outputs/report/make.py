@@ -148,7 +148,7 @@ def _figures(
     if any(seen.log_times_ns):
         found["sensors"] = plots.sensors_figure(seen, rig)
         found["skew"] = plots.skew_figure(seen)
-    if measured.sources:
+    if measured.truth_counts:
         curves, errors = accuracy.curves_figure(measured, names), accuracy.error_map(measured)
         found |= {"curves": curves} if curves["data"] else {}
         found |= {} if errors is None else {"errors": errors}

@@ -10,7 +10,6 @@ from lidcam.pipeline.evaluation.detection.criteria import Criteria
 from lidcam.pipeline.evaluation.detection.matching import match_frame
 from lidcam.pipeline.evaluation.detection.tables import FALSE
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Figures
-from lidcam.pipeline.evaluation.ignoring import is_evaluated
 from lidcam.pipeline.evaluation.pieces import Pieces
 from lidcam.pipeline.evaluation.vans import as_found
 
@@ -30,26 +29,28 @@ class DetectionPlots:
     """Gathers counts and errors over the frames of a result; keeps 24 bytes of each true object.
 
     A detection is right as for precision and recall: `Criteria.position`.
+
+    Attributes:
+        truth_counts: (C,) true objects that each source had to find, by class.
     """
 
     def __init__(self, config: Config) -> None:
         self._config, self._criteria = config, Criteria.of(config)
         self._counts: dict[str, I64] = {}
-        self._truth: dict[str, I64] = {}
+        self.truth_counts: dict[str, I64] = {}
         self._places = Pieces(Places, xy=(2,))
 
     def add_frame(self, frame: EvaluationFrame) -> None:
         """Take in one frame; those without truth are left out."""
         if frame.truth is None:
             return
-        counted = is_evaluated(frame.truth, self._config.evaluate)
+        truth, classes = frame.truth, len(self._config.classes)
         for name, source in frame.sources.items():
-            found, truth = source.boxes, frame.truth
-            _, matches, _ = match_frame(source, truth, self._criteria, self._config.evaluate)
+            found = source.boxes
+            _, matches, counted = match_frame(source, truth, self._criteria, self._config.evaluate)
             bins = np.clip(found.scores * SCORES, 0, SCORES - 1).astype(np.intp)
-            classes = len(self._config.classes)
             shown = as_found(truth.class_ids, matches, found.class_ids)
-            self._truth[name] = self._truth.get(name, 0) + np.bincount(shown[counted], minlength=classes)
+            self.truth_counts[name] = self.truth_counts.get(name, 0) + np.bincount(shown[counted], minlength=classes)
             counts = self._counts.setdefault(name, np.zeros((classes, SCORES, 2), np.int64))
             for column, rows in enumerate((matches >= 0, matches == FALSE)):
                 np.add.at(counts[:, :, column], (found.class_ids[rows], bins[rows]), 1)
@@ -67,20 +68,11 @@ class DetectionPlots:
 
     def curve(self, source: str, class_id: int) -> tuple[F64, F64, F64]:
         """Scores (P,), falling, and recall and precision of what has that score or more; empty without true objects."""
-        counts, truth = self._counts[source][class_id, ::-1], int(self._truth[source][class_id])
+        counts, truth = self._counts[source][class_id, ::-1], int(self.truth_counts[source][class_id])
         right, false = counts.cumsum(0).T
         some = (counts.sum(1) > 0) & (truth > 0)
         scores = np.arange(SCORES - 1, -1, -1) / SCORES
         return scores[some], right[some] / max(truth, 1), right[some] / (right + false)[some]
-
-    @property
-    def sources(self) -> tuple[str, ...]:
-        """Sources that were compared with truth."""
-        return tuple(self._counts)
-
-    def truth_count(self, source: str, class_id: int) -> int:
-        """True objects of a class that a source had to find."""
-        return int(self._truth[source][class_id])
 
     def figures(self) -> Figures:
         """None: the plots are read by themselves."""

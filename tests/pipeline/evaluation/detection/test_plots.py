@@ -20,7 +20,7 @@ def row(x: float, y: float = 0.0) -> tuple[float, ...]:
 def test_without_truth_there_is_nothing_to_plot() -> None:
     plots = DetectionPlots(CONFIG)
     plots.add_frame(frame_of(0, None, {"fused": source_boxes([row(1)])}))
-    assert (plots.sources, plots.figures(), len(plots.places.errors_m)) == ((), {}, 0)
+    assert (plots.truth_counts, plots.figures(), len(plots.places.errors_m)) == ({}, {}, 0)
 
 
 def test_curves_end_where_precision_and_recall_are() -> None:
@@ -39,6 +39,6 @@ def test_curves_end_where_precision_and_recall_are() -> None:
     scores, recall, precision = plots.curve("fused", CAR)
     assert (np.diff(scores) < 0).all()
     np.testing.assert_allclose([recall[-1], precision[-1]], [figures["recall"], figures["precision"]])
-    assert plots.truth_count("fused", CAR) == len(plots.places.errors_m) == figures["truth"] == 120
+    assert plots.truth_counts["fused"][CAR] == len(plots.places.errors_m) == figures["truth"] == 120
     found_m = plots.places.errors_m[~np.isnan(plots.places.errors_m)]
     np.testing.assert_allclose(found_m.mean(), figures["errors"]["position_bev_m"]["mean"], rtol=1e-6)
