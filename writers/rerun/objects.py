@@ -19,6 +19,7 @@ from lidcam.writers.drawing import DrawnObjects, ObjectEdges, camera_image, draw
 from lidcam.writers.labels_3d import LabelPlaces
 from lidcam.writers.messages.sensors import COMPRESSED, read_image
 from lidcam.writers.palette import CAMERA_ONLY, ZONE, class_color
+from lidcam.writers.report.values import KM_H
 from lidcam.writers.rerun import archetypes
 from lidcam.writers.rerun.archetypes import FILL, LINE_POINTS, Look, bytes_of, turns_of
 from lidcam.writers.rerun.blueprint import (
@@ -33,9 +34,6 @@ from lidcam.writers.rerun.blueprint import (
 )
 from lidcam.writers.trails import Trails
 from lidcam.writers.viewpoint import SceneSurvey, drawn_zones, zone_texts
-
-KM_H = 3.6
-"""Speed of one metre per second, km/h."""
 
 
 class TrackLog:
