@@ -230,12 +230,14 @@ def run_process(
 
     Ends with CheckError or IncompleteError where too little of the recording could be used; the outputs are kept.
     """
-    from lidcam.cli.json_output import json_output
+    from lidcam.cli.json_output import figures_document, json_output
     from lidcam.cli.printing.run import print_details, print_summary
     from lidcam.cli.printing.running import ShownRun
     from lidcam.cli.printing.terminal import console, show_json
     from lidcam.outputs.open import written_files
     from lidcam.processing import process_recording
+    from lidcam.run.choice import used_record
+    from lidcam.run.summary import summary_tree
 
     out = console()
     others = (*job.inputs, *written_files(job), *job.read_files)
@@ -246,7 +248,15 @@ def run_process(
         failure = strict_failure(summary) if strict else ""
         verdict = Verdict((failure,) if failure else (), summary.incomplete)
         summary = send(summary)
-        tree = _tree(summary, verdict)
+        tree = figures_document(
+            "process",
+            inputs=summary.inputs.files,
+            settings=used_record(summary.settings) | {"sha256": summary.settings_sha256},
+            figures=summary_tree(summary),
+            verdict=verdict,
+            warnings=summary.warnings,
+            notes=summary.notes,
+        )
         write_json(tree)
     for drop in summary.drops.messages:
         logger.info("dropped: %s: %d messages: %s %s", drop.topic, drop.count, drop.reason, drop.example)
@@ -262,19 +272,3 @@ def run_process(
             out.print()
         print_summary(out, summary, units)
     verdict.end()
-
-
-def _tree(summary: "RunSummary", verdict: Verdict) -> dict[str, Any]:
-    from lidcam.cli.json_output import figures_document
-    from lidcam.run.choice import used_record
-    from lidcam.run.summary import summary_tree
-
-    return figures_document(
-        "process",
-        inputs=summary.inputs.files,
-        settings=used_record(summary.settings) | {"sha256": summary.settings_sha256},
-        figures=summary_tree(summary),
-        verdict=verdict,
-        warnings=summary.warnings,
-        notes=summary.notes,
-    )

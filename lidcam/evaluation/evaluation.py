@@ -49,29 +49,20 @@ def make_evaluation_job(
     texts = [one for one in required if isinstance(one, str)]
     given = tuple(as_texts(settings))
     check_effect(given, EVALUATING)
-    return EvaluationJob(
-        Path(result),
-        locations(truth),
-        truth_topic,
-        _read_rig(rig),
-        given,
-        (*(one for one in required if isinstance(one, Requirement)), *read_requirements(texts)),
-    )
-
-
-def _read_rig(rig: RigSource | None) -> RigFile | None:
-    """The rig file, if one is given.
-
-    Raises:
-        CalibrationError: it cannot be read, or says nothing that an evaluation asks for.
-    """
-    found = read_rig(rig)
-    if found is not None and not found.vehicles and found.zones is None:
+    rig_file = read_rig(rig)
+    if rig_file is not None and not rig_file.vehicles and rig_file.zones is None:
         raise CalibrationError(
             "rig: expected `truth` or `zones` in the rig file of an evaluation, found neither; sensors and calibration "
             "are those of the result: process with the rig to change them"
         )
-    return found
+    return EvaluationJob(
+        Path(result),
+        locations(truth),
+        truth_topic,
+        rig_file,
+        given,
+        (*(one for one in required if isinstance(one, Requirement)), *read_requirements(texts)),
+    )
 
 
 def as_texts(settings: Settings) -> Iterator[str]:

@@ -4,7 +4,6 @@ import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -20,21 +19,17 @@ LINE_EVERY_S = 10.0
 Clock = Callable[[], float]
 
 
-class Advance(Protocol):
-    """The function that reports progress."""
-
-    def __call__(self, done_s: float, facts: str = "") -> None:
-        """Report that `done_s` recorded or simulated seconds are done, with `facts` to show beside the bar."""
-
-
 @contextmanager
 def show_progress(
     total_s: float, *, err: Console | None = None, clock: Clock = time.monotonic, whatever_is_logged: bool = False
-) -> Iterator[Advance]:
-    """Progress over `total_s` recorded or simulated seconds; other arguments as in `show_share`."""
+) -> Iterator[Callable[[float, str], None]]:
+    """Progress over `total_s` recorded or simulated seconds: yields a function of those that are done, and of facts.
+
+    Other arguments as in `show_share`.
+    """
     with show_share(err=err, clock=clock, whatever_is_logged=whatever_is_logged) as show:
 
-        def advance(done_s: float, facts: str = "") -> None:
+        def advance(done_s: float, facts: str) -> None:
             show(f"{done_s:.1f} of {total_s:.1f} s", done_s / total_s if total_s else 1.0, facts)
 
         yield advance
