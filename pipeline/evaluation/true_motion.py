@@ -1,7 +1,5 @@
 """Motion of true objects over the ground, from differences of their places."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Indices, first_of_runs
@@ -12,25 +10,21 @@ MAX_SPAN_NS = 1_500_000_000
 """Longest time from the frame before to the frame after: three labels in a row at 2 Hz, as in nuScenes."""
 
 
-def ground_poses(centers: F64, yaws: F64, frames: I32, T_fixed_site: Sequence[F64 | None], first_frame: int) -> F64:
+def ground_poses(centers: F64, yaws: F64, T_fixed_site: F64) -> F64:
     """(N, 3) x and y in metres and heading in radians over the ground, in the fixed frame.
 
     Args:
         centers: (N, 3) in the site frame.
         yaws: (N,) in the site frame.
-        frames: (N,) number of the frame of each object.
-        T_fixed_site: Of each frame, (4, 4) where the site frame is; None where that is not known: NaN comes of it.
-        first_frame: Number of the first of these frames.
+        T_fixed_site: (N, 4, 4) where the site frame is, for each object; NaN where that is not known.
     """
-    poses = _matrices(T_fixed_site)[frames - first_frame]
-    places = np.einsum("nij,nj->ni", poses[:, :2, :3], centers) + poses[:, :2, 3]
-    return np.column_stack([places, yaws + np.arctan2(poses[:, 1, 0], poses[:, 0, 0])])
+    places = np.einsum("nij,nj->ni", T_fixed_site[:, :2, :3], centers) + T_fixed_site[:, :2, 3]
+    return np.column_stack([places, yaws + _yaws(T_fixed_site)])
 
 
-def ground_turns(vectors: F64, frames: I32, T_fixed_site: Sequence[F64 | None], first_frame: int) -> F64:
+def ground_turns(vectors: F64, T_fixed_site: F64) -> F64:
     """(N, 2) vectors along x and y of the site frame, as `ground_poses` in the fixed frame."""
-    poses = _matrices(T_fixed_site)[frames - first_frame]
-    yaws = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
+    yaws = _yaws(T_fixed_site)
     x, y = vectors.T
     return np.column_stack([x * np.cos(yaws) - y * np.sin(yaws), x * np.sin(yaws) + y * np.cos(yaws)])
 
@@ -85,7 +79,5 @@ def has_moved(class_ids: I32, tracks: I64, poses: F64, lengths_m: F64) -> Bools:
     return moves
 
 
-def _matrices(T_fixed_site: Sequence[F64 | None]) -> F64:
-    """(F, 4, 4), NaN where a pose is not known."""
-    unknown = np.full((4, 4), np.nan)
-    return np.array([unknown if pose is None else pose for pose in T_fixed_site]).reshape(-1, 4, 4)
+def _yaws(poses: F64) -> F64:
+    return np.asarray(np.arctan2(poses[:, 1, 0], poses[:, 0, 0]))

@@ -83,16 +83,17 @@ class Gathering:
         first = len(self.stamps_ns)
         self.stamps_ns.extend(frame.stamp_ns for frame in frames)
         truth = TrueObjects.of([frame.truth for frame in frames if frame.truth is not None], first)
-        poses = [frame.T_fixed_site for frame in frames]
-        table = self._truth_table(truth, poses)
+        unknown = np.full((4, 4), np.nan)
+        poses = np.array([unknown if frame.T_fixed_site is None else frame.T_fixed_site for frame in frames])
+        table = self._truth_table(truth, poses[truth.frames - first])
         for source, pieces in self._found.items():
             found = FoundObjects.of([frame.sources.get(source) for frame in frames], first)
-            pieces.append(self._found_table(found, truth, table, poses))
+            pieces.append(self._found_table(found, truth, table, poses[found.frames - first]))
         self._truth.append(table)
         self._truth_count += len(truth)
 
-    def _truth_table(self, truth: TrueObjects, poses: Sequence[F64 | None]) -> TruthTable:
-        boxes, first = truth.boxes, len(self.stamps_ns) - len(poses)
+    def _truth_table(self, truth: TrueObjects, poses: F64) -> TruthTable:
+        boxes = truth.boxes
         return TruthTable(
             frames=truth.frames,
             class_ids=boxes.class_ids,
@@ -100,12 +101,10 @@ class Gathering:
             parts=self._parts(boxes.centers),
             is_evaluated=is_evaluated(boxes, self._settings),
             track_ids=boxes.track_ids,
-            poses=ground_poses(boxes.centers, boxes.yaws, truth.frames, poses, first),
+            poses=ground_poses(boxes.centers, boxes.yaws, poses),
         )
 
-    def _found_table(
-        self, found: FoundObjects, truth: TrueObjects, table: TruthTable, poses: Sequence[F64 | None]
-    ) -> FoundTable:
+    def _found_table(self, found: FoundObjects, truth: TrueObjects, table: TruthTable, poses: F64) -> FoundTable:
         pairs, criteria, boxes = pairs_near(found, truth, self._criteria.scales), self._criteria, found.boxes
         matches = match_criteria(
             pairs,
@@ -119,8 +118,7 @@ class Gathering:
         errors = np.full((len(found), len(Column)), np.nan, np.float32)
         right = np.flatnonzero(matches[:, criteria.position_column] >= 0)
         errors[right] = errors_of_pairs(boxes, truth.boxes, right, matches[right, criteria.position_column])
-        first = len(self.stamps_ns) - len(poses)
-        velocities = ground_turns(found.motion.velocities, found.frames, poses, first)
+        velocities = ground_turns(found.motion.velocities, poses)
         return FoundTable(
             frames=found.frames,
             class_ids=boxes.class_ids,

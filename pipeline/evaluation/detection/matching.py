@@ -22,9 +22,7 @@ def by_falling_score(scores: F32) -> Indices:
 
 def ranks_by_score(scores: F32) -> Indices:
     """(N,) place of each row in the order `by_falling_score`."""
-    ranks = np.empty(len(scores), np.intp)
-    ranks[by_falling_score(scores)] = np.arange(len(scores))
-    return ranks
+    return np.argsort(by_falling_score(scores))
 
 
 def match_by_score(found: Indices, truth: Indices, ranks: Indices, truth_count: int) -> I32:

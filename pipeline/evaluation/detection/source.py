@@ -1,12 +1,13 @@
 """The figures of one source of 3D boxes."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, Bools, Indices
+from lidcam.pipeline.core.arrays import F64, I32, Bools
 from lidcam.pipeline.core.rig import Zone
 from lidcam.pipeline.core.settings.config import ALL_CLASSES, Config
 from lidcam.pipeline.evaluation.detection.averages import (
@@ -29,8 +30,8 @@ from lidcam.pipeline.evaluation.detection.errors import (
 )
 from lidcam.pipeline.evaluation.detection.gathering import Gathering
 from lidcam.pipeline.evaluation.detection.matching import by_falling_score
-from lidcam.pipeline.evaluation.detection.tables import IGNORED, FoundTable, Scored, TruthTable, scored
-from lidcam.pipeline.evaluation.evaluation_frame import Figures
+from lidcam.pipeline.evaluation.detection.tables import FALSE, IGNORED, FoundTable, Scored, TruthTable
+from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Figures
 from lidcam.pipeline.evaluation.scales import range_edges_m, range_names
 from lidcam.pipeline.evaluation.true_motion import has_moved, true_velocities
 from lidcam.pipeline.evaluation.vans import as_found
@@ -88,13 +89,6 @@ class Site:
         return int((is_counted if part is None else is_counted & self.truth.parts[:, part]).sum())
 
 
-class _ClassAverages(NamedTuple):
-    """Average precisions by name of the class: by overlap, and by distance."""
-
-    overlaps: dict[str, Averages]
-    distances: dict[str, Averages]
-
-
 class Source:
     """The detections of one source, and their figures. A class of None stands for all classes, a part for all parts."""
 
@@ -103,16 +97,22 @@ class Source:
         self.found = found
         matches = found.matches[:, site.criteria.position_column]
         self.class_ids = as_found(site.truth.class_ids, matches, found.class_ids)
-        self._orders: dict[int | None, Indices] = {}
         self._scored: dict[int, Scored] = {}
-        self._scored_class: int | None = None
+        self._scored_class: int | None = UNKNOWN
 
     def scored(self, class_id: int | None, criterion: int) -> Scored:
-        """The detections of a class that count under a criterion, by falling score."""
+        """The detections of a class that count under a criterion (a column of the matches), by falling score."""
+        found = self.found
         if class_id != self._scored_class:  # kept of one class at a time: those of all classes take much memory
+            rows = np.flatnonzero(_is_of(found.class_ids, class_id))
             self._scored, self._scored_class = {}, class_id
+            self._order = rows[by_falling_score(found.scores[rows])]
         if criterion not in self._scored:
-            self._scored[criterion] = scored(self.found, self.site.truth, self._order(class_id), criterion)
+            rows = self._order[found.matches[self._order, criterion] != IGNORED]
+            matches = found.matches[rows, criterion]
+            is_right, parts = matches != FALSE, found.parts[rows]
+            parts[is_right] = self.site.truth.parts[matches[is_right]]
+            self._scored[criterion] = Scored(rows, matches, found.scores[rows], is_right, parts)
         return self._scored[criterion]
 
     def is_evaluated(self, class_id: int | None) -> Bools:
@@ -123,7 +123,7 @@ class Source:
         """All figures, by class."""
         site = self.site
         figures: dict[str, dict[str, Figures | float | int | None]] = {}
-        averages = {part: _ClassAverages({}, {}) for part in (None, *range(len(site.parts)))}
+        averages: dict[int | None, list[tuple[Averages, Averages]]] = defaultdict(list)
         for class_id, class_name in [*enumerate(site.class_names), (None, ALL_CLASSES)]:
             parts: dict[str, dict[str, Figures]] = {"ranges": {}, "zones": {}}
             for column, part in enumerate(site.parts):
@@ -139,30 +139,28 @@ class Source:
             }
         return figures
 
-    def _order(self, class_id: int | None) -> Indices:
-        if class_id not in self._orders:
-            rows = np.flatnonzero(_is_of(self.found.class_ids, class_id))
-            self._orders[class_id] = rows[by_falling_score(self.found.scores[rows])]
-        return self._orders[class_id]
-
     def _at(
-        self, class_id: int | None, part: int | None, averages: _ClassAverages
+        self, class_id: int | None, part: int | None, averages: list[tuple[Averages, Averages]]
     ) -> dict[str, Figures | float | int | None]:
-        """The figures of a class in a part of the site; those of all classes have the means of the classes before."""
+        """The figures of a class in a part of the site; those of all classes have the means of the classes before.
+
+        `averages` are the average precisions of these classes, by overlap and by distance.
+        """
         pooled = self._pooled(class_id, part)
         if class_id is None:
-            overlaps, distances = (mean_figures(list(one.values())) for one in averages)
+            overlaps, distances = map(mean_figures, zip(*averages, strict=True))
             return {**pooled, **overlaps, "distance": distances}
-        name, criteria = self.site.class_names[class_id], self.site.criteria
+        criteria = self.site.criteria
         count = self.site.count(self.is_evaluated(class_id), part)
 
         def by_criterion(column: int) -> Scored:
             return self.scored(class_id, column).within(part)
 
-        averages.overlaps[name] = overlap_figures(criteria, by_criterion, count)
-        averages.distances[name] = distance_figures(criteria, by_criterion, count)
+        overlaps = overlap_figures(criteria, by_criterion, count)
+        distances = distance_figures(criteria, by_criterion, count)
+        averages.append((overlaps, distances))
         limits = {"thresholds": self._distances_m(class_id)} if part is None else {}
-        return {**pooled, **averages.overlaps[name], "distance": {**averages.distances[name], **limits}}
+        return {**pooled, **overlaps, "distance": {**distances, **limits}}
 
     def _pooled(self, class_id: int | None, part: int | None) -> dict[str, Figures | float | int | None]:
         site, found = self.site, self.found

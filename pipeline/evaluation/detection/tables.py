@@ -51,13 +51,3 @@ class Scored(Table):
     def within(self, part: int | None) -> "Scored":
         """The detections in a part of the site (None: in all of it)."""
         return self if part is None else self.select(self.parts[:, part])
-
-
-def scored(found: FoundTable, truth: TruthTable, rows: Indices, criterion: int) -> Scored:
-    """The detections among `rows`, by falling score, that count under a criterion (a column of the matches)."""
-    matches = found.matches[rows, criterion]
-    rows, matches = rows[matches != IGNORED], matches[matches != IGNORED]
-    is_right = matches != FALSE
-    parts = found.parts[rows]
-    parts[is_right] = truth.parts[matches[is_right]]
-    return Scored(rows, matches, found.scores[rows], is_right, parts)

@@ -38,7 +38,7 @@ def test_an_object_seen_from_a_site_that_drives_and_turns() -> None:
     centers = np.einsum("nij,nj->ni", inverse, np.column_stack([true[:, :2], np.full(40, 0.7), np.ones(40)]))[:, :3]
     yaws = true[:, 2] - 0.3 * times
     frames = np.arange(7, 47, dtype=np.int32)
-    poses = ground_poses(centers, yaws, frames, sites, 7)
+    poses = ground_poses(centers, yaws, np.array(sites))
     assert_allclose(poses, true, atol=1e-9)
     stamps_ns = np.arange(47) * STEP_NS
     found = true_velocities(frames, stamps_ns, np.zeros(40, np.int32), np.full(40, 3, np.int64), poses)
@@ -47,15 +47,14 @@ def test_an_object_seen_from_a_site_that_drives_and_turns() -> None:
     assert_allclose(found[1:-1, 2], 0.5, atol=1e-6)
     assert np.isnan(found[[0, -1]]).all()
     in_site = np.einsum("nji,nj->ni", np.array(sites)[:, :2, :2], found[:, :2])
-    assert_allclose(ground_turns(in_site, frames, sites, 7), found[:, :2], atol=1e-9)
+    assert_allclose(ground_turns(in_site, np.array(sites)), found[:, :2], atol=1e-9)
 
 
 def test_where_the_site_is_not_known_nothing_is() -> None:
-    frames = np.array([0, 1], np.int32)
-    poses = ground_poses(np.ones((2, 3)), np.zeros(2), frames, [None, np.eye(4)], 0)
+    poses = ground_poses(np.ones((2, 3)), np.zeros(2), np.array([np.full((4, 4), np.nan), np.eye(4)]))
     assert np.isnan(poses[0]).all()
     assert_array_equal(poses[1], [1, 1, 0])
-    assert len(ground_poses(np.ones((0, 3)), np.zeros(0), frames[:0], [None], 0)) == 0
+    assert len(ground_poses(np.ones((0, 3)), np.zeros(0), np.ones((0, 4, 4)))) == 0
 
 
 def test_headings_go_on_through_half_a_turn() -> None:
