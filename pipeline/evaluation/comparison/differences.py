@@ -1,6 +1,6 @@
 """Differences as they are listed: those of one object in frames that follow each other are one."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -136,11 +136,10 @@ class Listing:
         self._kept: list[Episode] = []
         self._count = 0
 
-    def take(self, episodes: Iterable[Episode]) -> None:
+    def take(self, episodes: Sequence[Episode]) -> None:
         """Take in episodes that are over."""
-        for episode in episodes:
-            self._count += 1
-            self._kept.append(episode)
+        self._count += len(episodes)
+        self._kept += episodes
         if len(self._kept) >= 2 * self._max_kept:
             self._shorten()
 
