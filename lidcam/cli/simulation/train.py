@@ -67,11 +67,6 @@ Examples:
 """
 
 
-@train_app.callback()
-def _train() -> None:
-    pass
-
-
 @train_app.command(cls=GroupedCommand, epilog=CLUSTERS_EXAMPLES)
 @with_log_options
 @READING
