@@ -53,19 +53,7 @@ def compare_results(
     max_different_percent: float = 0.0,
     show: Progress = not_shown,
 ) -> ComparedResults:
-    """Compare two results, object by object.
-
-    Args:
-        first: A result.
-        second: Another result of the same recording or scene.
-        only: Names of sources and cameras to compare; empty: all.
-        allow: Kinds of differences that are allowed by any amount.
-        max_different_percent: Share of objects, and of frames, that may differ.
-        show: Shows the progress.
-
-    Raises:
-        LidcamError: a result cannot be read, they are of two sites, or have no source or camera of such a name.
-    """
+    """Compare two results, object by object; arguments and errors as of `lidcam.compare`."""
     only, allow = ([names] if isinstance(names, str) else names for names in (only, allow))
     if not 0 <= max_different_percent <= 100:
         raise ConfigError(f"max_different_percent: expected 0 to 100, found {max_different_percent:g}")
@@ -93,11 +81,7 @@ def compare_results(
 
 
 def _comparison(first: Result, second: Result, only: Sequence[str], allowed: Sequence[str]) -> Comparison:
-    """A comparison of the sources and cameras that are asked for.
-
-    Raises:
-        LidcamError: the results are of two sites, or have no source or camera of such a name.
-    """
+    """A comparison of the sources and cameras that are asked for, if the results have those and are of one site."""
     frames = first.rig.site_frame, second.rig.site_frame
     if frames[0] != frames[1]:
         raise LidcamError(

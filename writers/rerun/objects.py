@@ -119,8 +119,7 @@ class CameraLog:
     def log(self, camera: CameraSensor, objects: DrawnObjects, edges: ObjectEdges) -> tuple[Drop, ...]:
         """Log an image and what is drawn on it; a camera slower than the frames keeps its last image.
 
-        Returns:
-            Images that cannot be decoded.
+        Returns images that cannot be decoded.
         """
         result = objects.result
         message = camera_image(result, camera)
@@ -160,11 +159,7 @@ class CameraLog:
                 self._log(leaf, camera, rr.Clear(recursive=False))
 
     def _log_image(self, camera: CameraSensor, message: RawMessage, video: VideoPart | None) -> None:
-        """Log an image as it was recorded: as its packets, where Rerun decodes them.
-
-        Raises:
-            MessageError: the bytes are not an image.
-        """
+        """Log an image as it was recorded: as its packets, where Rerun decodes them."""
         codec = "" if video is None else self.codecs.get(camera.name, video.codec)
         is_stream = video is not None and codec in _CODECS and codec == video.codec
         if self._is_stream.setdefault(camera.name, is_stream) != is_stream:
@@ -179,11 +174,7 @@ class CameraLog:
             self.waiting_bytes += len(packet)
 
     def _encoded(self, message: RawMessage) -> rr.EncodedImage:
-        """The image as JPEG or PNG.
-
-        Raises:
-            MessageError: the bytes are not an image.
-        """
+        """The image as JPEG or PNG; raises MessageError if it is none."""
         if message.channel.msgtype == COMPRESSED:
             data = read_image(message).data.tobytes()
             if (media_type := _MAGIC.get(data[:3])) is not None:

@@ -69,21 +69,12 @@ class RerunStream:
                 return
 
     def check(self) -> None:
-        """Whether all went well so far.
-
-        Raises:
-            OSError: it did not: the file cannot be written.
-        """
+        """Raise the OSError for which the file could not be written, if there was one."""
         if self._error is not None:
             raise self._error
 
     def finish(self) -> None:
-        """Write the end of the recording, too.
-
-        Raises:
-            OSError: the file cannot be written; the recording is still to be discarded.
-            OutputError: Rerun does not go on; the same.
-        """
+        """Write the end of the recording, too; after an error, as of `flush`, it is still to be discarded."""
         self.flush()
         self._end()
         self.check()

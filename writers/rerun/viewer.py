@@ -16,11 +16,7 @@ WAIT_S = 5.0
 
 
 def check_display(wanted_by: str, instead: str = "") -> None:
-    """Whether there is a screen to open a window on; the message says who wants one, and what to do without.
-
-    Raises:
-        OutputError: there is none.
-    """
+    """Raise OutputError if there is no screen to open a window on: who wants one, and what to do without."""
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         missing = "expected a display for the Rerun viewer, found none (DISPLAY is not set)"
         raise OutputError(f"{wanted_by}: {missing}{instead and f'; {instead}'}")
@@ -37,11 +33,7 @@ def viewer_program(*arguments: str) -> tuple[list[str], dict[str, str]]:
 
 
 def start_viewer(recording: rr.RecordingStream, instead: str = "") -> "subprocess.Popen[bytes]":
-    """Open the viewer, unless one is open, and send it what a recording logs; it outlives this program.
-
-    Raises:
-        OutputError: there is no display.
-    """
+    """Open the viewer, unless one is open, and send it what a recording logs; it outlives this program."""
     check_display("--view", instead)
     command, environment = viewer_program("--expect-data-soon", "--hide-welcome-screen")
     null = subprocess.DEVNULL

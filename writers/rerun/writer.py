@@ -116,11 +116,7 @@ class RerunResultWriter(ResultWriter):
         self._stream.finish()
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
-        """Log one frame.
-
-        Returns:
-            Images that cannot be decoded.
-        """
+        """Log one frame; returns its images that cannot be decoded."""
         with output_errors(self.path):
             self._stream.check()
         if self._first is None:
