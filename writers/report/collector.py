@@ -119,14 +119,9 @@ class Timeline:
             self._maxima[name][step] = max(self._maxima[name][step], value)
 
     @property
-    def times_s(self) -> F64:
-        """(S,) beginning of each step up to the last with a frame, seconds since the first frame."""
-        return np.arange(self._last + 1, dtype=np.float64) * self.step_s
-
-    @property
     def edges_s(self) -> F64:
-        """(S + 1,) beginnings of the steps, and the end of the last one."""
-        return np.append(self.times_s, self.times_s[-1] + self.step_s)
+        """(S + 1,) beginnings of the steps up to the last with a frame, and its end, seconds since the first frame."""
+        return np.arange(self._last + 2, dtype=np.float64) * self.step_s
 
     def counts(self) -> F64:
         """(S,) frames in each step."""

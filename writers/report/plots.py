@@ -43,8 +43,8 @@ def sensors_figure(seen: ReportCollector, rig: Rig) -> Figure:
     Topics that no frame was to have, such as images that are not written, are left out.
     """
     time = seen.sensors
-    counts, times_s = time.counts(), time.times_s
-    whole_s = np.minimum(time.step_s, np.maximum(seen.seconds - times_s, 1e-3) + seen.seconds / max(seen.frames, 1))
+    counts, left_s = time.counts(), np.maximum(seen.seconds - time.edges_s[:-1], 1e-3)
+    whole_s = np.minimum(time.step_s, left_s + seen.seconds / max(seen.frames, 1))
     used = [
         (topic, name) for topic, name in rig.sensor_of_topic.items() if time.sums(topic).any() or name in seen.missed
     ]

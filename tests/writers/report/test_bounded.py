@@ -34,8 +34,8 @@ def test_steps_of_time_double_and_keep_their_sums() -> None:
     stamps_s = np.arange(20_000) * 0.1
     for stamp_s in stamps_s.tolist():
         time.add_frame(stamp_s, {"car": 2.0}, {"skew": stamp_s})
-    assert (time.step_s, len(time.times_s)) == (6.4, 313)
-    assert len(time.times_s) <= MAX_STEPS
+    assert (time.step_s, len(time.counts())) == (6.4, 313)
+    assert len(time.counts()) <= MAX_STEPS
     assert (time.sums("car").sum(), time.counts().sum()) == (40_000, 20_000)
     assert time.maxima("skew")[-1] == stamps_s[-1]
     assert (np.diff(time.maxima("skew")) > 0).all()
