@@ -13,7 +13,6 @@ from lidcam.pipeline.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from lidcam.bags.simulator.drive.driving import RemoteControl, ScriptedKeys, TerminalKeys
-    from lidcam.bags.simulator.drive.live_view import LiveView
     from lidcam.bags.simulator.recorder.simulation import Simulation
 
 DRIVE_EXAMPLES = """\
@@ -61,7 +60,11 @@ def drive(
         keyboard = _keyboard(keys, key_interval, drivable, resources)
         opened = recording_to(output, found, read=scenario, overwrite=overwrite, driven=drivable)
         simulation, write = resources.enter_context(opened)
-        viewer = _viewer(simulation) if view else None
+        viewer = None
+        if view:
+            from lidcam.bags.simulator.drive.live_view import LiveView  # loads Rerun
+
+            viewer = LiveView(simulation).spawn()
         end_ns = None if duration_s is None else round(duration_s * 1e9)
         status, messages = resources.enter_context(contextlib.closing(_StatusLine())), 0
         for recorded, control in driven(simulation, keyboard, drivable, end_ns=end_ns):
@@ -119,9 +122,3 @@ class _StatusLine:
         with contextlib.suppress(OSError):  # the terminal has closed; the drive ends with its input
             self._console.file.write(text)
             self._console.file.flush()
-
-
-def _viewer(simulation: "Simulation") -> "LiveView":
-    from lidcam.bags.simulator.drive.live_view import LiveView  # Rerun, which a drive without a view does not need
-
-    return LiveView(simulation).spawn()
