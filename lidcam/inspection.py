@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from lidcam.checks.calibration.check import check_first_clouds
+from lidcam.checks.calibration.first_clouds import FirstClouds
 from lidcam.checks.clocks import clock_notes, sync_warnings
 from lidcam.checks.messages import check_not_empty
 from lidcam.evaluation.figures import NamedFigures
@@ -263,11 +264,12 @@ def inspection_tree(inspection: Inspection) -> dict[str, Any]:
 
 
 def _warnings(recording: Recording, rig: Rig, config: Config, window: TimeWindow) -> tuple[RunWarning, ...]:
-    first = (
-        next(recording.messages([lidar.topic], start_ns=window.start_ns, stop_ns=window.stop_ns), None)
-        for lidar in rig.lidars
-    )
-    return check_first_clouds(rig, config, (message for message in first if message is not None))
+    """Warnings of calibration that the first message of each lidar contradicts."""
+    clouds = FirstClouds(rig, config)
+    for lidar in rig.lidars:
+        messages = recording.messages([lidar.topic], start_ns=window.start_ns, stop_ns=window.stop_ns)
+        clouds.add_messages(islice(messages, 1))
+    return clouds.lidar_warnings or clouds.camera_warnings
 
 
 def _window(recording: Recording) -> TimeWindow:

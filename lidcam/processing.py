@@ -341,7 +341,7 @@ class Run:
     def _warnings(self, missing: Sequence[MissingSensor]) -> Iterator[RunWarning]:
         tally = self._tally
         yield from sync_warnings(self._clocks, self._stats, missing, self._drops.rows, self.source)
-        yield from class_number_warnings(tally.unused_boxes, self.source.config, tally.unused_boxes3d)
+        yield from class_number_warnings(tally.unused_boxes, tally.unused_boxes3d, self.source.config)
         for check in self._checks:
             yield from check.warnings
 

@@ -1,7 +1,7 @@
 """Warnings about boxes: classes mostly below `fuse.min_score`, and numbers that no class has."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -36,21 +36,18 @@ class DoubtedCheck:
         self._reported += np.bincount(frame.fused.objects.class_ids, minlength=count)[:count]
 
     @property
-    def warnings(self) -> tuple[RunWarning, ...]:
+    def warnings(self) -> Iterator[RunWarning]:
         """One that names the classes that are likely and hardly reported, if there are any."""
         named = np.flatnonzero((self._doubted >= MIN_BOXES) & (self._doubted >= MIN_RATIO * self._reported))
-        if self._has_2d_boxes or not len(named):
-            return ()
-        counts = ", ".join(f"{self._doubted[row]} {self._names[row]}" for row in named)
-        return (
-            RunWarning(
+        if len(named) and not self._has_2d_boxes:
+            counts = ", ".join(f"{self._doubted[row]} {self._names[row]}" for row in named)
+            yield RunWarning(
                 "fuse.min_score",
                 f"{counts} boxes score {MIN_LIKELY:g} to {self._min_score:g}, below it",
                 "a 2D network (lidcam fetch, --model-2d FILE.onnx) tells which are right"
                 if self._has_images
                 else f"--set fuse.min_score={0.3 if self._min_score > 0.3 else MIN_LIKELY:g} reports more of them",
-            ),
-        )
+            )
 
 
 MAX_LISTED = 10
@@ -58,40 +55,35 @@ MAX_LISTED = 10
 
 
 def class_number_warnings(
-    unused_boxes: Mapping[str, int], config: Config, unused_boxes3d: Mapping[str, int] | None = None
-) -> tuple[RunWarning, ...]:
+    unused_boxes: Mapping[str, int], unused_boxes3d: Mapping[str, int], config: Config
+) -> Iterator[RunWarning]:
     """A warning if boxes have numbers that no class has; the other numbers may then be misread, too.
 
     Recorded boxes that were not used are counted by reason.
     """
-    of_images, of_space = config.detect2d.class_numbers, config.detect3d.recorded.class_numbers
     coco, autoware = "COCO does (0 person, 2 car)", "Autoware does (1 car, 7 pedestrian)"
-    remedy2d = f"if their detector numbers as {coco}, --set detect2d.class_numbers=coco"
-    remedy3d = (
-        f"if their detector numbers as {autoware} or as {coco}, --set detect3d.recorded.class_numbers=autoware or =coco"
-    )
-    return (
-        *(_warnings("recorded 2D boxes", unused_boxes, remedy2d, config) if of_images == "labels" else ()),
-        *(_warnings("recorded 3D boxes", unused_boxes3d or {}, remedy3d, config) if of_space == "labels" else ()),
-    )
+    if config.detect2d.class_numbers == "labels":
+        remedy = f"{coco}, --set detect2d.class_numbers=coco"
+        yield from _warnings("recorded 2D boxes", unused_boxes, remedy, config)
+    if config.detect3d.recorded.class_numbers == "labels":
+        remedy = f"{autoware} or as {coco}, --set detect3d.recorded.class_numbers=autoware or =coco"
+        yield from _warnings("recorded 3D boxes", unused_boxes3d, remedy, config)
 
 
-def _warnings(subject: str, unused_boxes: Mapping[str, int], remedy: str, config: Config) -> tuple[RunWarning, ...]:
+def _warnings(subject: str, unused_boxes: Mapping[str, int], remedy: str, config: Config) -> Iterator[RunWarning]:
     numbers = {
         int(found[1]): count
         for reason, count in unused_boxes.items()
         if (found := re.fullmatch(r"class '(\d+)' is not configured", reason))
     }
     if not numbers:
-        return ()
+        return
     listed = ", ".join(map(str, sorted(numbers)[:MAX_LISTED])) + (", ..." if len(numbers) > MAX_LISTED else "")
     known = ", ".join(
         f"{label} {prior.name}" for prior in config.classes for label in prior.labels if label.isdecimal()
     )
-    return (
-        RunWarning(
-            subject,
-            f"{sum(numbers.values())} have unknown class numbers ({listed}); known are {known or 'none'}",
-            f"{remedy}; or add these numbers to the labels of the classes",
-        ),
+    yield RunWarning(
+        subject,
+        f"{sum(numbers.values())} have unknown class numbers ({listed}); known are {known or 'none'}",
+        f"if their detector numbers as {remedy}; or add these numbers to the labels of the classes",
     )

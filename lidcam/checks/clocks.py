@@ -45,13 +45,13 @@ def sync_warnings(
     yield from slower_warnings(counts, stats.received, source.rig)
 
 
-def jump_warnings(jumps: Sequence[TimeJump], *, start_ns: int) -> list[RunWarning]:
+def jump_warnings(jumps: Sequence[TimeJump], *, start_ns: int) -> Iterator[RunWarning]:
     """One for each of the first jumps of time; `start_ns` is the log time at which the recording starts."""
-    warnings = [_jump_warning(jump, start_ns) for jump in jumps[:MAX_JUMPS_NAMED]]
-    if more := len(jumps) - len(warnings):
+    for jump in jumps[:MAX_JUMPS_NAMED]:
+        yield _jump_warning(jump, start_ns)
+    if (more := len(jumps) - MAX_JUMPS_NAMED) > 0:
         remedy = "look at the clocks of the sensors with `lidcam inspect`"
-        warnings.append(RunWarning("time", f"jumps back {more} times more", remedy))
-    return warnings
+        yield RunWarning("time", f"jumps back {more} times more", remedy)
 
 
 def clock_notes(clocks: Clocks, sensors: Mapping[str, str]) -> list[str]:
@@ -77,17 +77,15 @@ def late_warnings(drops: Mapping[tuple[str, str], int], received: Mapping[str, i
     ]
 
 
-def slower_warnings(drops: Mapping[tuple[str, str], int], received: Mapping[str, int], rig: Rig) -> list[RunWarning]:
+def slower_warnings(
+    drops: Mapping[tuple[str, str], int], received: Mapping[str, int], rig: Rig
+) -> Iterator[RunWarning]:
     """One for each lidar that loses many sweeps because another one, which is required, is slower."""
-    found = []
     for lidar in rig.lidars if len(rig.lidars) > 1 else ():
         count, of = sum(drops.get((lidar.topic, reason), 0) for reason in WITHOUT_PARTNER), received.get(lidar.topic, 0)
         if count >= max(MIN_WITHOUT_PARTNER, MIN_WITHOUT_PARTNER_SHARE * of):
             finding = f"{count} of {of} sweeps make no frame: no sweep of another lidar is near them in time"
-            found.append(
-                RunWarning(lidar.name, finding, f"--set 'sync.required=[{lidar.topic}]' makes a frame of each")
-            )
-    return found
+            yield RunWarning(lidar.name, finding, f"--set 'sync.required=[{lidar.topic}]' makes a frame of each")
 
 
 def _jump_warning(jump: TimeJump, start_ns: int) -> RunWarning:

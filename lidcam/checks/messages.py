@@ -1,7 +1,7 @@
 """Files without messages; warnings of lidars without points, no ground, unknown motion, cameras that see nothing."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -53,24 +53,18 @@ class LidarCheck:
                 self._empty[name] = (count + 1, first, index)
 
     @property
-    def warnings(self) -> tuple[RunWarning, ...]:
+    def warnings(self) -> Iterator[RunWarning]:
         """One for each lidar whose messages cannot be decoded, or of which many, or all, have no point within range."""
-        found = (self._warning(name) for name in self._lidars.values() if self._messages[name])
-        return tuple(warning for warning in found if warning is not None)
-
-    def _warning(self, name: str) -> RunWarning | None:
-        total, (empty, first, last) = self._messages[name], self._empty.get(name, (0, 0, 0))
-        if self._bad[name] == total:
-            finding = f"none of its {total} messages can be decoded"
-            return RunWarning(name, finding, "-v lists the reasons")
-        if empty == total:
-            finding = f"{total} messages without a single point in range"
-        elif empty >= max(MIN_EMPTY, MIN_EMPTY_SHARE * total):
-            finding = f"{empty} of {total} messages without a single point in range, in frames {first} to {last}"
-        else:
-            return None
         remedy = "the lidar may be covered, or its motor may stand still; else see combine.min_range_m and max_range_m"
-        return RunWarning(name, finding, remedy)
+        without = "messages without a single point in range"
+        for name in (name for name in self._lidars.values() if self._messages[name]):
+            total, (empty, first, last) = self._messages[name], self._empty.get(name, (0, 0, 0))
+            if self._bad[name] == total:
+                yield RunWarning(name, f"none of its {total} messages can be decoded", "-v lists the reasons")
+            elif empty == total:
+                yield RunWarning(name, f"{total} {without}", remedy)
+            elif empty >= max(MIN_EMPTY, MIN_EMPTY_SHARE * total):
+                yield RunWarning(name, f"{empty} of {total} {without}, in frames {first} to {last}", remedy)
 
 
 MIN_GROUNDLESS, MIN_GROUNDLESS_SHARE = 2, 0.1
@@ -90,16 +84,15 @@ class GroundCheck:
             self._groundless += frame.combined.plane is None
 
     @property
-    def warnings(self) -> tuple[RunWarning, ...]:
+    def warnings(self) -> Iterator[RunWarning]:
         """One if many frames have no ground: objects stand too high or too low there, and boxes are lost."""
-        if self._groundless < max(MIN_GROUNDLESS, MIN_GROUNDLESS_SHARE * self._frames):
-            return ()
-        finding = f"none was found in {self._groundless} of {self._frames} frames, and objects need it for their height"
-        remedy = (
-            "if the clouds were recorded without their ground, take the lidar's own (topics.lidars); if its axes are "
-            "not x forward and z up, give its pose in a rig file"
-        )
-        return (RunWarning("ground", finding, remedy),)
+        if self._groundless >= max(MIN_GROUNDLESS, MIN_GROUNDLESS_SHARE * self._frames):
+            yield RunWarning(
+                "ground",
+                f"none was found in {self._groundless} of {self._frames} frames, and objects need it for their height",
+                "if the clouds were recorded without their ground, take the lidar's own (topics.lidars); if its axes "
+                "are not x forward and z up, give its pose in a rig file",
+            )
 
 
 MIN_UNKNOWN, MIN_UNKNOWN_SHARE = 3, 0.1
@@ -121,17 +114,16 @@ class MotionCheck:
             self._unknown.append(bundle.index)
 
     @property
-    def warnings(self) -> tuple[RunWarning, ...]:
+    def warnings(self) -> Iterator[RunWarning]:
         """One if it is not known in many frames: the odometry began late, ended early, paused or was recorded late."""
         count = len(self._unknown)
-        if count < max(MIN_UNKNOWN, MIN_UNKNOWN_SHARE * self._frames):
-            return ()
-        span = f"in frames {self._unknown[0]} to {self._unknown[-1]}"
-        finding = f"the rig's motion is not known in {count} of {self._frames} frames, {span}"
-        remedy = "there, clouds are not compensated and tracks go by the clouds alone"
-        if not self._has_lidars:
-            remedy = "it counts as standing still there, so parked cars seem to drive: see --start and --duration"
-        return (RunWarning(self._topics, finding, remedy),)
+        if count >= max(MIN_UNKNOWN, MIN_UNKNOWN_SHARE * self._frames):
+            span = f"in frames {self._unknown[0]} to {self._unknown[-1]}"
+            remedy = "there, clouds are not compensated and tracks go by the clouds alone"
+            if not self._has_lidars:
+                remedy = "it counts as standing still there, so parked cars seem to drive: see --start and --duration"
+            finding = f"the rig's motion is not known in {count} of {self._frames} frames, {span}"
+            yield RunWarning(self._topics, finding, remedy)
 
 
 MIN_IMAGES = 10
@@ -177,21 +169,18 @@ class CameraCheck:
                 self._shown[name] += _shown(frame, name)
 
     @property
-    def warnings(self) -> tuple[RunWarning, ...]:
+    def warnings(self) -> Iterator[RunWarning]:
         """One for each camera whose images are nearly all the same, or that has no 2D box of many objects."""
-        found = []
         for camera in self._cameras:
             name, images = camera.name, self._images[camera.name]
+            exclude = f"leave it out with --set topics.exclude=[{camera.topic}]"
             if images >= MIN_IMAGES and self._same[name] >= MIN_SAME_SHARE * (images - 1):
                 finding = f"{self._same[name]} of {images} images are the same as the one before"
-                remedy = "its driver may repeat an image, or it is covered; leave it out with"
+                yield RunWarning(name, finding, f"its driver may repeat an image, or it is covered; {exclude}")
             elif images >= MIN_IMAGES and not self._boxes[name] and self._shown[name] >= MIN_SHOWN:
                 finding = f"no 2D box in {images} images, with {self._shown[name]} objects in its view"
-                remedy = "it may be covered or too dark, or the network may not fit its images; leave it out with"
-            else:
-                continue
-            found.append(RunWarning(name, finding, f"{remedy} --set topics.exclude=[{camera.topic}]"))
-        return tuple(found)
+                remedy = f"it may be covered or too dark, or the network may not fit its images; {exclude}"
+                yield RunWarning(name, finding, remedy)
 
 
 def _shown(frame: FrameResult, name: str) -> int:

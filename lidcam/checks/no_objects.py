@@ -1,5 +1,7 @@
 """Tells of runs without a single object what each step left in the frame that came closest to one."""
 
+from collections.abc import Iterator
+
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
@@ -45,12 +47,11 @@ class ObjectCheck:
             self._closest, self._best = frame, rank
 
     @property
-    def warnings(self) -> tuple[RunWarning, ...]:
+    def warnings(self) -> Iterator[RunWarning]:
         """One if there were frames, and no object in any."""
-        if self._closest is None:
-            return ()
-        finding = f"frame {self._closest.bundle.index} came closest: {', '.join(self._steps(self._closest))}"
-        return (RunWarning("no objects", finding, self._remedy()),)
+        if self._closest is not None:
+            finding = f"frame {self._closest.bundle.index} came closest: {', '.join(self._steps(self._closest))}"
+            yield RunWarning("no objects", finding, self._remedy())
 
     def _heard(self, frame: FrameResult) -> int:
         """Number of messages of recorded 3D boxes."""

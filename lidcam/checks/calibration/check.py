@@ -1,11 +1,9 @@
-"""Warnings of a run, and of an inspection, about calibration that cannot be right."""
-
-from collections.abc import Iterable
+"""Warnings of a run about calibration that cannot be right."""
 
 from lidcam.checks.calibration.first_clouds import FirstClouds
+from lidcam.checks.calibration.rig_check import RigCheck
 from lidcam.pipeline.calibration.lidar_poses import NOT_COMPARED, ComparedLidars
 from lidcam.pipeline.core.frame import FrameResult
-from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.run.warning import RunWarning
@@ -15,9 +13,6 @@ class CalibrationCheck:
     """Checks the poses and clocks of lidars and cameras over a run."""
 
     def __init__(self, rig: Rig, config: Config, compared: ComparedLidars = NOT_COMPARED) -> None:
-        # Imported here: `lidcam inspect` needs the first clouds alone, and not what is compiled.
-        from lidcam.checks.calibration.rig_check import RigCheck
-
         self._first_clouds, self._rig_check = FirstClouds(rig, config), RigCheck(rig, config, compared)
 
     def add_frame(self, frame: FrameResult) -> None:
@@ -34,10 +29,3 @@ class CalibrationCheck:
         for warning in (*self._rig_check.warnings, *self._first_clouds.camera_warnings):
             found.setdefault(warning.subject, warning)
         return tuple(found.values())
-
-
-def check_first_clouds(rig: Rig, config: Config, messages: Iterable[RawMessage]) -> tuple[RunWarning, ...]:
-    """Warnings of calibration that the first message of each lidar contradicts."""
-    clouds = FirstClouds(rig, config)
-    clouds.add_messages(messages)
-    return clouds.lidar_warnings or clouds.camera_warnings

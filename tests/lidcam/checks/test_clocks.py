@@ -57,7 +57,7 @@ def test_sensors_that_are_mostly_late_are_named(drops: dict[tuple[str, str], int
 def test_lidars_of_which_a_slower_one_costs_sweeps_are_named(left_out: int, apart: int, named: list[str]) -> None:
     topics = [lidar.topic for lidar in RIG.lidars]
     drops = {(topics[0], str(DropReason.LEFT_OUT)): left_out, (topics[0], str(DropReason.TOO_FAR)): apart}
-    warnings = slower_warnings(drops, dict.fromkeys(topics, 20), RIG)
+    warnings = [*slower_warnings(drops, dict.fromkeys(topics, 20), RIG)]
     assert [warning.subject for warning in warnings] == named
     assert all(f"sync.required=[{topics[0]}]" in warning.remedy for warning in warnings)
-    assert slower_warnings(drops, dict.fromkeys(topics, 20), replace(RIG, lidars=RIG.lidars[:1])) == []
+    assert not [*slower_warnings(drops, dict.fromkeys(topics, 20), replace(RIG, lidars=RIG.lidars[:1]))]

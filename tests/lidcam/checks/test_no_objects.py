@@ -54,7 +54,7 @@ def warnings_of(
     check = ObjectCheck(MemoryRecording([]), rig, config, used, moves=False)
     for one in frames:
         check.add_frame(one)
-    return check.warnings
+    return tuple(check.warnings)
 
 
 def test_clouds_in_millimetres() -> None:
