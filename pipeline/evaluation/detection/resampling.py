@@ -78,7 +78,8 @@ def sampled_ap(resampling: Resampling, frames: I32, scores: F32, is_right: Bools
     last = last_of_equals(scores)
     # precision is highest where a right detection has just come in
     gains = np.diff(np.cumsum(is_right)[last], prepend=0) > 0
-    ends = _thinned(last[gains] + 1)
+    ends = last[gains] + 1
+    ends = ends[np.linspace(0, len(ends) - 1, min(len(ends), _MAX_POINTS)).round().astype(np.intp)]
     right = resampling.running_sums(frames, is_right, ends)
     all_found = resampling.running_sums(frames, np.ones(len(frames), np.bool_), ends)
     quality = np.divide(right, all_found, out=np.zeros(right.shape), where=all_found > 0)
@@ -87,9 +88,3 @@ def sampled_ap(resampling: Resampling, frames: I32, scores: F32, is_right: Bools
     rows, same = resampling.distinct
     values = [average_precision(counts[row], quality[row], int(truth[row])) for row in rows.tolist()]
     return np.array([np.nan if value is None else value for value in values])[same]
-
-
-def _thinned(places: Indices) -> Indices:
-    if len(places) <= _MAX_POINTS:
-        return places
-    return places[np.linspace(0, len(places) - 1, _MAX_POINTS).round().astype(np.intp)]
