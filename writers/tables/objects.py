@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from html import escape
 from importlib import import_module
@@ -276,9 +276,21 @@ class Objects(CheckedTable):
         return "\n".join(filter(None, [self._head, *lines, self._foot(MAX_SHOWN)]))
 
     def _repr_html_(self) -> str:
-        """For notebooks: a table of all columns that scrolls, of the first rows."""
-        rows = self._texts(tuple(self.columns), MAX_SCROLLED)
-        return _scrolling_table(self._head, tuple(self.columns), rows, self._foot(MAX_SCROLLED))
+        """For notebooks: the first rows, which scroll below the names of the columns, in the notebook's colours."""
+        cell = 'style="text-align: right; white-space: nowrap; padding: 0.1em 0.6em"'
+        top = 'style="position: sticky; top: 0; background: var(--jp-layout-color1, Canvas)"'
+        names = tuple(self.columns)
+        body = "".join(
+            f"<tr>{''.join(f'<td {cell}>{escape(text)}</td>' for text in row)}</tr>"
+            for row in self._texts(names, MAX_SCROLLED)
+        )
+        names_row = "".join(f"<th {cell}>{escape(name)}</th>" for name in names)
+        return (
+            f"<div>{escape(self._head)}</div>"
+            '<div style="max-height: 22em; overflow: auto; max-width: 100%">'
+            f"<table><thead {top}><tr>{names_row}</tr></thead><tbody>{body}</tbody></table></div>"
+            f"<div>{escape(self._foot(MAX_SCROLLED))}</div>"
+        )
 
     @property
     def _head(self) -> str:
@@ -322,17 +334,3 @@ def _library(name: str) -> Any:
 
 def _text(value: Any) -> str:
     return f"{value:.2f}" if isinstance(value, float | np.floating) else str(value)
-
-
-def _scrolling_table(head: str, names: Sequence[str], rows: Iterable[Sequence[str]], foot: str = "") -> str:
-    """A table of texts as HTML: its rows scroll below the names of the columns, in the colours of the notebook."""
-    cell = 'style="text-align: right; white-space: nowrap; padding: 0.1em 0.6em"'
-    top = 'style="position: sticky; top: 0; background: var(--jp-layout-color1, Canvas)"'
-    body = "".join(f"<tr>{''.join(f'<td {cell}>{escape(text)}</td>' for text in row)}</tr>" for row in rows)
-    names_row = "".join(f"<th {cell}>{escape(name)}</th>" for name in names)
-    return (
-        f"<div>{escape(head)}</div>"
-        '<div style="max-height: 22em; overflow: auto; max-width: 100%">'
-        f"<table><thead {top}><tr>{names_row}</tr></thead><tbody>{body}</tbody></table></div>"
-        f"<div>{escape(foot)}</div>"
-    )
