@@ -122,7 +122,7 @@ def _pairs(first: Result, second: Result, start_ns: int, advance: Advance) -> It
 
 def _failures(comparison: Comparison, allowed: Sequence[str], max_different_percent: float) -> tuple[str, ...]:
     """Lines about each source or camera with more differences than allowed."""
-    frames = AllowedDifference.FRAMES
+    frames = AllowedDifference.frames
     found: Mapping[str, Any] = comparison.not_allowed_percent(frames_may_differ=frames in allowed)
     kinds = [kind for kind in AllowedDifference if kind in allowed and kind != frames]
     but = f" but for what is {', '.join(kinds)}" if kinds else ""
