@@ -1,6 +1,5 @@
 """The sources of the boxes of a frame: networks, clusters, or the recording."""
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -24,6 +23,7 @@ from lidcam.pipeline.detectors.given import FindInCloud, FindInImage, GivenDetec
 from lidcam.pipeline.detectors.onnx.class_names import COCO_LABELS
 from lidcam.pipeline.detectors.onnx.providers import chosen
 from lidcam.pipeline.detectors.pillars.embedded import EMBEDDED, network_file
+from lidcam.pipeline.detectors.protocols import Detector2D
 from lidcam.pipeline.graph import Graph, Node
 from lidcam.readers.recording import Recording
 from lidcam.readers.rig.sensor_topics import BOXES, IMAGE
@@ -34,64 +34,57 @@ BoxSource = Literal["onnx", "recorded", "callable", "none"]
 DetectInCloud = Callable[[CombinedCloud], Boxes3D]
 DetectInImages = Callable[[Mapping[str, Image], CombinedCloud], Mapping[str, Boxes2D]]
 
-GIVEN = "detector"
-"""Name of the caller's 3D boxes."""
+FOUND = "found"
+"""Name of the 3D boxes that are not recorded."""
 
 ADVICE = "The cameras are not used. Type `lidcam fetch yolox-nano`, then run this again."
 
 
 @dataclass
 class KnownBoxes:
-    """Boxes that networks and clusters have found before the run; a frame of the same messages takes them over."""
+    """Boxes that were found before the run, in clouds and images; a frame of the same messages takes them over.
 
-    lidar: dict[object, Boxes3D] = field(default_factory=dict)  # By the messages of a frame's lidars
-    # By camera name, by the messages of its lidars and cameras
-    cameras: dict[object, Mapping[str, Boxes2D]] = field(default_factory=dict)
-    # Boxes of the caller's functions beside those that could not be used, by reason
-    unused_3d: dict[object, Mapping[str, int]] = field(default_factory=dict)
-    unused_2d: dict[object, Mapping[str, int]] = field(default_factory=dict)
+    Beside them are those boxes of the caller's functions that could not be used, by reason.
+    """
+
+    lidar: dict[object, tuple[Boxes3D, Mapping[str, int]]] = field(default_factory=dict)  # By messages of the lidars
+    # By camera name, by the messages of lidars and cameras
+    cameras: dict[object, tuple[Mapping[str, Boxes2D], Mapping[str, int]]] = field(default_factory=dict)
 
     def keep(self, rig: Rig, frame: FrameResult) -> None:
         """Keep the boxes of a frame."""
-        of_lidars, of_all = _messages(frame.bundle, rig.lidars), _messages(frame.bundle, rig.lidars, rig.cameras)
-        self.lidar[of_lidars], self.unused_3d[of_lidars] = frame.detections.lidar, frame.unused_boxes3d
-        self.cameras[of_all], self.unused_2d[of_all] = frame.detections.cameras, frame.unused_boxes
+        bundle, detections = frame.bundle, frame.detections
+        self.lidar[_messages(bundle, rig.lidars)] = detections.lidar, frame.unused_boxes3d
+        self.cameras[_messages(bundle, rig.lidars, rig.cameras)] = detections.cameras, frame.unused_boxes
 
-    def in_cloud(self, rig: Rig, detect: DetectInCloud, bundle: SensorBundle, combined: CombinedCloud) -> Boxes3D:
-        """The 3D boxes of a frame, detected unless they are known."""
+    def in_cloud(
+        self,
+        rig: Rig,
+        detect: DetectInCloud,
+        given: GivenDetector3D | None,
+        bundle: SensorBundle,
+        combined: CombinedCloud,
+    ) -> Decoded[Boxes3D]:
+        """The 3D boxes of a frame, detected unless they are known; `given` is the function of the caller in it."""
         known = self.lidar.get(_messages(bundle, rig.lidars))
-        return detect(combined) if known is None else known
+        boxes, unused = known or (detect(combined), given.unused if given else {})
+        return Decoded({FOUND: boxes}, unused_boxes=unused)
 
     def in_images(
-        self, rig: Rig, detect: DetectInImages, bundle: SensorBundle, images: Decoded[Image], combined: CombinedCloud
-    ) -> Mapping[str, Boxes2D]:
-        """The 2D boxes of a frame, detected unless they are known; the run may have moved the stamps of the images."""
-        known = self.cameras.get(_messages(bundle, rig.lidars, rig.cameras))
-        if known is None:
-            return detect(images, combined)
-        return {name: replace(boxes, stamp_ns=images[name].stamp_ns) for name, boxes in known.items()}
-
-    def given_in_cloud(
-        self, rig: Rig, detect: DetectInCloud, detector: GivenDetector3D, bundle: SensorBundle, combined: CombinedCloud
-    ) -> Decoded[Boxes3D]:
-        """The same by a function of the caller, with the boxes of no class."""
-        detector.unused = Counter(self.unused_3d.get(_messages(bundle, rig.lidars), {}))
-        boxes = self.in_cloud(rig, detect, bundle, combined)  # which counts anew unless they are known
-        return Decoded({GIVEN: boxes}, unused_boxes=detector.unused)
-
-    def given_in_images(
         self,
         rig: Rig,
         detect: DetectInImages,
-        detector: GivenDetector2D,
+        given: GivenDetector2D | None,
         bundle: SensorBundle,
         images: Decoded[Image],
         combined: CombinedCloud,
     ) -> Decoded[Boxes2D]:
-        """The same by a function of the caller, with the boxes of no class and the images that cannot be decoded."""
-        detector.unused = Counter(self.unused_2d.get(_messages(bundle, rig.lidars, rig.cameras), {}))
-        boxes = self.in_images(rig, detect, bundle, images, combined)
-        return Decoded(boxes, images.drops, detector.unused)
+        """The same of the 2D boxes, with the images that cannot be decoded, whose stamps the run may have moved."""
+        known = self.cameras.get(_messages(bundle, rig.lidars, rig.cameras))
+        if known is None:
+            return Decoded(detect(images, combined), images.drops, given.unused if given else {})
+        moved = {name: replace(boxes, stamp_ns=images[name].stamp_ns) for name, boxes in known[0].items()}
+        return Decoded(moved, images.drops, known[1])
 
 
 def _messages(bundle: SensorBundle, *sensors: Iterable[LidarSensor | CameraSensor]) -> object:
@@ -204,21 +197,15 @@ def add_boxes3d(
     *,
     on_bad: OnBadMessage,
 ) -> tuple[Node[Decoded[Boxes3D]], Node[Boxes3D]]:
-    """The decoded messages of recorded 3D detectors, or what the caller's function gives; the frame's 3D boxes."""
+    """The decoded messages of recorded 3D detectors, or what was found in the cloud; the frame's 3D boxes."""
     # Behind the imports of programs that detect nothing.
     from lidcam.pipeline.stages.detect3d import Detect3D, Recorded3D
 
-    has_2d_boxes = box_source(config, rig) != "none"
-    if given is not None:
-        detector = GivenDetector3D(given, config)
-        detect = Detect3D(rig, config, has_2d_boxes=has_2d_boxes, detector=detector)
-        called = partial(known.given_in_cloud, rig, detect, detector)
-        found = graph.add_stage("detect 3D", called, graph.frame, combined)
-        return found, graph.add_stage("3D boxes", itemgetter(GIVEN), found, timed=False)
     if config.detect3d.method != "recorded":
-        nothing = graph.add_stage("no recorded 3D boxes", _nothing, graph.frame, timed=False)
-        detect = Detect3D(rig, config, has_2d_boxes=has_2d_boxes)
-        return nothing, graph.add_stage("detect 3D", partial(known.in_cloud, rig, detect), graph.frame, combined)
+        detector = None if given is None else GivenDetector3D(given, config)
+        detect = Detect3D(rig, config, has_2d_boxes=box_source(config, rig) != "none", detector=detector)
+        found = graph.add_stage("detect 3D", partial(known.in_cloud, rig, detect, detector), graph.frame, combined)
+        return found, graph.add_stage("3D boxes", itemgetter(FOUND), found, timed=False)
     from lidcam.readers.streams.recorded3d import RecordedBoxes3D
 
     recorded = graph.add_stage("read 3D boxes", RecordedBoxes3D(rig, config, on_bad=on_bad), graph.frame)
@@ -234,28 +221,29 @@ def add_boxes2d(
     given: FindInImage | None = None,
     *,
     on_bad: OnBadMessage,
-) -> tuple[Node[Decoded[Any]], Node[Mapping[str, Boxes2D]], frozenset[tuple[int, int]], frozenset[int]]:
-    """The decoded messages of the cameras, the 2D boxes by camera name, `riders` and `unknown_ids` of `Detect2D`.
+) -> tuple[Node[Decoded[Boxes2D]], frozenset[tuple[int, int]], frozenset[int]]:
+    """The 2D boxes by camera name, `riders` and `unknown_ids` of `Detect2D`.
 
     Raises:
         ModelError: the network cannot be loaded.
     """
     source = _wanted_boxes(config, rig)
     if source == "none":
-        nothing = graph.add_stage("no 2D boxes", _nothing, graph.frame, timed=False)
-        return nothing, nothing, frozenset(), frozenset()
+        return graph.add_stage("no 2D boxes", _nothing, graph.frame, timed=False), frozenset(), frozenset()
     if source == "recorded":
         recorded = graph.add_stage("read 2D boxes", RecordedBoxes(rig, config, on_bad=on_bad), graph.frame)
-        return recorded, recorded, frozenset(), frozenset()
+        return recorded, frozenset(), frozenset()
     from lidcam.pipeline.stages.detect2d import Detect2D
 
     images = graph.add_stage("decode images", ImageDecoder(rig, config, on_bad=on_bad), graph.frame)
-    if given is not None:
-        caller = GivenDetector2D(given, config)
-        detect2d = Detect2D(rig, config, caller)
-        called = partial(known.given_in_images, rig, detect2d, caller)
-        boxes = graph.add_stage("detect 2D", called, graph.frame, images, combined)
-        return boxes, boxes, detect2d.riders, detect2d.unknown_ids
+    caller = None if given is None else GivenDetector2D(given, config)
+    detect = Detect2D(rig, config, caller or _network_2d(config))
+    detect_or_known = partial(known.in_images, rig, detect, caller)
+    found = graph.add_stage("detect 2D", detect_or_known, graph.frame, images, combined)
+    return found, detect.riders, detect.unknown_ids
+
+
+def _network_2d(config: Config) -> Detector2D:
     model = config.detect2d.model
     if not isinstance(model, Path):
         raise ModelError(
@@ -265,9 +253,7 @@ def add_boxes2d(
         raise ModelError(f"{model}: is not on this machine yet: run lidcam fetch {model}")
     from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
 
-    detect2d = Detect2D(rig, config, OnnxDetector2D(network_path(model), config.detect2d))
-    found = graph.add_stage("detect 2D", partial(known.in_images, rig, detect2d), graph.frame, images, combined)
-    return images, found, detect2d.riders, detect2d.unknown_ids
+    return OnnxDetector2D(network_path(model), config.detect2d)
 
 
 def _wanted_boxes(config: Config, rig: Rig) -> BoxSource:

@@ -4,12 +4,11 @@ from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any
 
-from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.association import class_agreement
-from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
-from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Detections, Fused, Hypotheses, Matches
+from lidcam.pipeline.core.clouds import PointCloud
+from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Detections, Hypotheses, Matches
 from lidcam.pipeline.core.frame import Decoded, FrameResult, SensorBundle
 from lidcam.pipeline.core.messages import Drop
 from lidcam.pipeline.core.rig import CameraSensor, Rig
@@ -57,9 +56,7 @@ def build_graph(
     clouds = graph.add_stage("decode clouds", CloudDecoder(rig, config, on_bad=on_bad), graph.frame)
     combined = graph.add_stage("combine", Combine(rig, config.combine), graph.frame, clouds)
     recorded3d, lidar = add_boxes3d(graph, config, rig, combined, known, given.in_cloud, on_bad=on_bad)
-    camera_data, boxes2d, riders, unknown_ids = add_boxes2d(
-        graph, config, rig, combined, known, given.in_images, on_bad=on_bad
-    )
+    boxes2d, riders, unknown_ids = add_boxes2d(graph, config, rig, combined, known, given.in_images, on_bad=on_bad)
     views = graph.add_stage("views", Views(rig, config.combine.motion), graph.frame)
     place = Place(rig, config.fuse, config.classes, ground_distance_m=config.combine.ground.distance_m)
     placed = graph.add_stage("place", place, combined, boxes2d, views)
@@ -92,7 +89,7 @@ def build_graph(
     fused = graph.add_stage("fuse", Fuse(config.fuse, class_count=len(config.classes)), hypotheses, beliefs)
     fused = graph.add_stage("zones", partial(select_by_zones, zones=rig.zones), fused)
     detections = graph.add_stage("detections", _detections, lidar, boxes2d, placed, timed=False)
-    unused = graph.add_stage("unused", _Unused.of, clouds, recorded3d, camera_data, timed=False)
+    unused = graph.add_stage("unused", _unused, clouds, recorded3d, boxes2d, timed=False)
     inputs = combined, detections, views, hypotheses, beliefs, fused, unused
     result = graph.add_stage("collect", _collect, graph.frame, *inputs, timed=False)
     if config.track.mode != "none" and config.track.odometry == "auto" and rig.lidars:
@@ -133,41 +130,18 @@ def _detections(lidar: Boxes3D, boxes2d: Mapping[str, Boxes2D], placed: Placed) 
     return Detections(lidar, boxes2d, placed.boxes if boxes2d else None)
 
 
-class _Unused(NamedTuple):
+def _unused(
+    clouds: Decoded[PointCloud], recorded3d: Decoded[Boxes3D], boxes2d: Decoded[Boxes2D]
+) -> tuple[tuple[Drop, ...], Mapping[str, int], Mapping[str, int]]:
     """Messages and boxes that could not be used, without the decoded data, which stays in its process."""
-
-    drops: tuple[Drop, ...]
-    boxes: Mapping[str, int]
-    boxes3d: Mapping[str, int]
-
-    @classmethod
-    def of(cls, clouds: Decoded[PointCloud], recorded3d: Decoded[Boxes3D], camera_data: Decoded[Any]) -> Self:
-        drops = clouds.drops + recorded3d.drops + camera_data.drops
-        return cls(drops, camera_data.unused_boxes, recorded3d.unused_boxes)
+    drops = clouds.drops + recorded3d.drops + boxes2d.drops
+    return drops, boxes2d.unused_boxes, recorded3d.unused_boxes
 
 
-def _collect(
-    bundle: SensorBundle,
-    combined: CombinedCloud,
-    detections: Detections,
-    views: Mapping[str, CameraSensor],
-    hypotheses: Hypotheses,
-    beliefs: F64,
-    fused: Fused,
-    unused: _Unused,
-) -> FrameResult:
-    return FrameResult(
-        bundle=bundle,
-        combined=combined,
-        detections=detections,
-        views=views,
-        hypotheses=hypotheses,
-        beliefs=beliefs,
-        fused=fused,
-        drops=unused.drops,
-        unused_boxes=unused.boxes,
-        unused_boxes3d=unused.boxes3d,
-    )
+def _collect(*parts: Any) -> FrameResult:
+    """The result of its fields in their order, of which `_unused` gives the last ones."""
+    *results, unused = parts
+    return FrameResult(*results, *unused)
 
 
 def _with_odometry(find: FindOdometry, site_frame: str, result: FrameResult) -> FrameResult:

@@ -197,8 +197,8 @@ def test_boxes_in_images_are_taken_over_with_the_stamps_of_the_run() -> None:
     known, rig = KnownBoxes(), replace(RIG, cameras=(CAMERA,))
     known.keep(rig, frame)
     later = Decoded({"cam": Image(17, "cam", np.zeros((4, 4, 3), np.uint8))})
-    found = known.in_images(rig, no_detector, frame.bundle, later, frame.combined)
+    found = known.in_images(rig, no_detector, None, frame.bundle, later, frame.combined)
     np.testing.assert_array_equal(found["cam"].xyxy, frame.detections.cameras["cam"].xyxy)
     assert found["cam"].stamp_ns == 17
     with pytest.raises(AssertionError, match="asked"):
-        known.in_images(rig, no_detector, replace(frame.bundle, stamp_ns=1), later, frame.combined)
+        known.in_images(rig, no_detector, None, replace(frame.bundle, stamp_ns=1), later, frame.combined)
