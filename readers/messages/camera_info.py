@@ -22,6 +22,7 @@ import numpy.typing as npt
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.camera import CameraModel, DistortionModel
 from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.geometry.rotations import pose_matrix
 from lidcam.pipeline.core.geometry.transform import Transform, rotation_fault
 from lidcam.pipeline.core.text import one_line
 from lidcam.readers.messages.tf import clean_frame
@@ -118,10 +119,8 @@ def rectified_camera_model(info: Any, *, frame_id: str = "", is_turned: bool = T
         raise CalibrationError(f"CameraInfo.R is not a rotation: {fault}")
     frame = frame_id or clean_frame(info.header.frame_id)
     turned = not np.array_equal(rotation, np.eye(3))
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation
     model = _of_read_out(info, f"{frame}_rectified" if turned else frame, K, "plumb_bob", np.zeros(0))
-    return model, Transform(model.frame_id, frame, matrix)
+    return model, Transform(model.frame_id, frame, pose_matrix(rotation))
 
 
 def other_camera_model(info: Any, raw: CameraModel) -> tuple[CameraModel, Transform] | None:

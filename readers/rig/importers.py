@@ -14,6 +14,7 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.geometry.rotations import pose_matrix
 from lidcam.pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES
 from lidcam.pipeline.core.settings.model import MAX_NUMBER
 from lidcam.pipeline.core.small_files import read_small_text
@@ -102,16 +103,15 @@ def kitti_calibration(text: str, path: Path) -> KittiCalibration | None:
     elif "P_rect_00" in values or "P_rect_02" in values:
         values |= _kitti_file(path.with_name("calib_velo_to_cam.txt"))
     if "R" in values:
-        T_cam0_velo = np.eye(4)
-        T_cam0_velo[:3, :3] = _kitti_matrix(path, values, ("R",), (3, 3))
-        T_cam0_velo[:3, 3] = _kitti_matrix(path, values, ("T",), (3, 1))[:, 0]
+        rotation, shift = _kitti_matrix(path, values, ("R",), (3, 3)), _kitti_matrix(path, values, ("T",), (3, 1))
+        T_cam0_velo = pose_matrix(rotation, shift[:, 0])
     else:
         T_cam0_velo = np.vstack(
             [_kitti_matrix(path, values, ("Tr_velo_to_cam", "Tr_velo_cam", "Tr"), (3, 4)), [0, 0, 0, 1]]
         )
     T_rect_cam0 = np.eye(4)
     if "Tr" not in values or "R0_rect" in values:  # Tr of odometry leads to the rectified camera
-        T_rect_cam0[:3, :3] = _kitti_matrix(path, values, ("R0_rect", "R_rect", "R_rect_00"), (3, 3))
+        T_rect_cam0 = pose_matrix(_kitti_matrix(path, values, ("R0_rect", "R_rect", "R_rect_00"), (3, 3)))
     named = {number: (f"P{number}", f"P_rect_0{number}") for number in KITTI_CAMERAS}
     projections = {
         number: _kitti_matrix(path, values, names, (3, 4))

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.errors import CalibrationError
+from lidcam.pipeline.core.geometry.rotations import pose_matrix
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.readers.messages.camera_info import (
@@ -51,10 +52,7 @@ def decompose_projection(name: str, values: npt.ArrayLike) -> tuple[F64, F64]:
     K, R = rq(P[:, :3])
     signs = np.where(np.diag(K) < 0, -1.0, 1.0)
     K, R = K * signs, signs[:, None] * R
-    matrix = np.eye(4)
-    matrix[:3, :3] = R
-    matrix[:3, 3] = np.linalg.solve(K, P[:, 3])
-    return np.asarray(K / K[2, 2], np.float64), matrix
+    return np.asarray(K / K[2, 2], np.float64), pose_matrix(R, np.linalg.solve(K, P[:, 3]))
 
 
 class Lens(NamedTuple):

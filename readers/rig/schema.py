@@ -15,7 +15,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import CalibrationError
-from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
+from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy, pose_matrix
 from lidcam.pipeline.core.rig import TruthVehicle
 from lidcam.pipeline.core.settings.recording import ZoneConfig
 from lidcam.pipeline.core.settings.validation import checked
@@ -80,16 +80,13 @@ class Pose(_Model):
         Raises:
             CalibrationError: the quaternion is not of unit length.
         """
-        matrix = np.eye(4)
-        matrix[:3, 3] = self.translation_m or (0.0, 0.0, 0.0)
-        if self.rpy_deg is not None:
-            matrix[:3, :3] = matrix_of_rpy(np.deg2rad(self.rpy_deg))
+        rotation = matrix_of_rpy(np.deg2rad(self.rpy_deg or (0.0, 0.0, 0.0)))
         if self.rotation_xyzw is not None:
             length = float(np.linalg.norm(self.rotation_xyzw))
             if not abs(length - 1) <= 0.01:
                 raise CalibrationError(f"rotation_xyzw: expected a quaternion of length 1, found {length:g}")
-            matrix[:3, :3] = matrix_of_quaternion(self.rotation_xyzw)
-        return matrix
+            rotation = matrix_of_quaternion(self.rotation_xyzw)
+        return pose_matrix(rotation, self.translation_m or 0.0)
 
     @model_validator(mode="after")
     def _one_form(self) -> Self:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.arrays import F64, I32
+from lidcam.pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes3D
 
 
@@ -30,7 +31,7 @@ def truth_boxes_3d(
         centers=np.array([one.T_frame_box[:3, 3] for one in objects], np.float64).reshape(-1, 3),
         sizes=np.array([one.size_m for one in objects], np.float64).reshape(-1, 3),
         yaws=np.array([yaw_of(one.T_frame_box) for one in objects], np.float64),
-        class_ids=class_ids_of_names([one.label for one in objects], class_ids),
+        class_ids=class_ids_of([one.label for one in objects], class_ids),
         labels=np.array([one.label for one in objects], np.str_),
         track_ids=np.array([one.track_id for one in objects], np.int64),
         lidar_points=np.full(len(objects), UNKNOWN, np.int32),
@@ -45,8 +46,8 @@ def yaw_of(pose: F64) -> float:
     return yaw if yaw > -np.pi else float(np.pi)
 
 
-def class_ids_of_names(
-    labels: Iterable[str], class_ids: Mapping[str, int]
-) -> np.ndarray[tuple[int], np.dtype[np.int32]]:
-    """(N,) int32, rows of the configured classes; `UNKNOWN` for a label of none."""
-    return np.array([class_ids.get(label.strip().lower(), UNKNOWN) for label in labels], np.int32)
+def class_ids_of(labels: Iterable[str], class_ids: Mapping[str, int]) -> I32:
+    """(N,) int32, rows of the configured classes, by name or number of ROS 1; `UNKNOWN` for a label of none."""
+    names = [label.strip().lower() for label in labels]
+    found = [class_ids.get(name, class_ids.get(CLASS_OF_NUMBER.get(name, ""), UNKNOWN)) for name in names]
+    return np.array(found, np.int32)

@@ -27,7 +27,7 @@ from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, T
 from lidcam.readers.messages.objects import check_boxes
 from lidcam.readers.natural_order import natural_key
 from lidcam.readers.rig.importers import KittiCalibration, kitti_calibration
-from lidcam.readers.truth.boxes import Labelled, class_ids_of_names, truth_boxes_3d
+from lidcam.readers.truth.boxes import Labelled, class_ids_of, truth_boxes_3d
 from lidcam.readers.truth.source import TruthSource
 
 DONT_CARE = "DontCare"
@@ -230,7 +230,7 @@ class KittiTruth(TruthSource):
         return TruthBoxes2D(
             stamp_ns,
             np.array([one.xyxy for one in labels], np.float32).reshape(-1, 4),
-            class_ids_of_names(names, self._class_ids),
+            class_ids_of(names, self._class_ids),
             np.array(names, np.str_),
             np.array([one.track_id for one in labels], np.int64),
             np.full(len(labels), UNKNOWN, np.int32),

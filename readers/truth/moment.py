@@ -11,6 +11,7 @@ from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.ros.vision_numbers import CLASS_OF_NUMBER, IMAGE_PIXELS, LIDAR_POINTS
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 from lidcam.readers.messages.detections import Detections3D, track_ids
+from lidcam.readers.truth.boxes import class_ids_of
 
 STEP_BACK_NS = 2_000_000_000
 """Longest step back of the stamps that truth is asked for: images of a frame lie before and after its stamp."""
@@ -35,15 +36,6 @@ class Moment:
         return Moment(self.boxes.select(rows), pixels)
 
 
-def class_ids_of(labels: Names, class_ids: Mapping[str, int]) -> I32:
-    """(N,) int32, rows of the configured classes, by name or number of ROS 1; `UNKNOWN` for a label of none."""
-    found = [
-        class_ids.get(label.lower(), class_ids.get(CLASS_OF_NUMBER.get(label, ""), UNKNOWN))
-        for label in labels.tolist()
-    ]
-    return np.array(found, np.int32)
-
-
 def class_names_of(labels: Names) -> Names:
     """(N,) the labels, numbers of ROS 1 as the names that they stand for."""
     return np.array([CLASS_OF_NUMBER.get(label, label) for label in labels.tolist()], np.str_)
@@ -60,7 +52,7 @@ def moment_of(found: Detections3D, class_ids: Mapping[str, int]) -> Moment:
             centers=found.centers,
             sizes=found.sizes,
             yaws=found.yaws,
-            class_ids=class_ids_of(found.labels, class_ids),
+            class_ids=class_ids_of(found.labels.tolist(), class_ids),
             labels=class_names_of(found.labels),
             track_ids=object_ids(found.ids, counts),
             lidar_points=total(counts, LIDAR_POINTS, len(found)),

@@ -18,7 +18,8 @@ from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, T
 from lidcam.readers.messages.detections import decode_detections2d, decode_detections3d
 from lidcam.readers.notes import Notes
 from lidcam.readers.recording import Recording
-from lidcam.readers.truth.moment import STEP_BACK_NS, Moment, class_ids_of, class_names_of, moment_of, object_ids, total
+from lidcam.readers.truth.boxes import class_ids_of
+from lidcam.readers.truth.moment import STEP_BACK_NS, Moment, class_names_of, moment_of, object_ids, total
 from lidcam.readers.truth.source import TruthSource
 from lidcam.readers.truth.timeline import Timeline
 from lidcam.readers.truth.topics import TruthTopics
@@ -133,7 +134,7 @@ class RecordedTruth(TruthSource):
         shown = TruthBoxes2D(
             message.stamp_ns,
             found.boxes.xyxy,
-            class_ids_of(found.labels, self._class_ids),
+            class_ids_of(found.labels.tolist(), self._class_ids),
             class_names_of(found.labels),
             object_ids(found.ids, found.counts),
             total(found.counts, IMAGE_PIXELS, n),

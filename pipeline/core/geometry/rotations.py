@@ -78,6 +78,13 @@ def quaternion_of_matrix(matrix: F64) -> F64:
     return np.array([sign * (value / length) for value in xyzw])
 
 
+def pose_matrix(rotation: npt.ArrayLike, translation: npt.ArrayLike = 0.0) -> F64:
+    """(4, 4) pose of a rotation (3, 3) and a translation (3,), without which it is none."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, translation
+    return matrix
+
+
 def turned(vectors: F64) -> F64:
     """(..., 3, 3) rotations by rotation vectors (..., 3), radians (Rodrigues)."""
     angle = np.maximum(np.sqrt((vectors * vectors).sum(-1)), MIN_ANGLE_RAD)

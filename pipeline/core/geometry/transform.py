@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from lidcam.pipeline.core.arrays import F64, Array, check_array
 from lidcam.pipeline.core.errors import FrameError
-from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion, quaternion_of_matrix
+from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion, pose_matrix, quaternion_of_matrix
 
 ROTATION_TOLERANCE = 1e-3
 """Largest entry of R R^T - I accepted as rounding: calibration files often carry three or four digits."""
@@ -41,10 +41,7 @@ class Transform:
     def inverse(self) -> "Transform":
         """T_src_dst."""
         rotation = self.matrix[:3, :3].T
-        matrix = np.eye(4)
-        matrix[:3, :3] = rotation
-        matrix[:3, 3] = -rotation @ self.matrix[:3, 3]
-        return Transform(self.src, self.dst, matrix)
+        return Transform(self.src, self.dst, pose_matrix(rotation, -rotation @ self.matrix[:3, 3]))
 
     def apply(self, points: Array) -> Array:
         """Points (..., 3) of `src` in `dst`; the dtype is kept."""
@@ -84,10 +81,7 @@ class Transform:
                 f"transform {dst}<-{src}: expected a unit quaternion and finite metres, "
                 f"got {quaternion.tolist()} and {shift.tolist()}"
             )
-        matrix = np.eye(4)
-        matrix[:3, :3] = matrix_of_quaternion(quaternion)
-        matrix[:3, 3] = shift
-        return cls(dst, src, matrix)
+        return cls(dst, src, pose_matrix(matrix_of_quaternion(quaternion), shift))
 
 
 def rotation_fault(rotation: F64) -> str | None:
