@@ -115,22 +115,16 @@ class Detections2D(NamedTuple):
 @decoder
 def decode_detections2d(
     message: RawMessage,
-    class_id_of_label: Mapping[str, int],
+    classes: ObjectClasses,
     *,
-    class_names: Sequence[str] = (),
     other_class_id: int | None = None,
     limits: RecordingLimits = DEFAULT_LIMITS,
 ) -> Detections2D:
     """The boxes of a message, each with the class of its best hypothesis (of equal scores the first).
 
-    Hypotheses that count something are no classes (see `count_of`). Classes are looked up by label, ignoring case. A
-    number that is not a label is a row of `class_names`, the numbering of the detector that wrote it. Rotated boxes
-    (`theta`) become their upright hull. Scores are clipped to [0, 1].
-
-    `class_id_of_label` has the names that a detector may use, `class_names` the labels of one that records numbers.
-    Boxes of any other class get `other_class_id`; without one they are not used.
+    Hypotheses that count something are no classes (see `count_of`). Rotated boxes (`theta`) become their upright hull.
+    Scores are clipped to [0, 1]. Boxes of none of the `classes` get `other_class_id`; without one they are not used.
     """
-    class_ids = {label.strip().lower(): class_id for label, class_id in class_id_of_label.items()}
     rows = box_rows(message, DETECTIONS_2D, _numbers, 5, limits)
     best, counts = best_and_counts(rows)
     xyxy, has_area = _hulls(rows.boxes)
@@ -142,7 +136,8 @@ def decode_detections2d(
             unused["no class with a score"] += 1
             continue
         label = rows.labels[hypothesis].strip()
-        class_id = class_ids.get(_name_of(label, class_ids, class_names), other_class_id)
+        class_id = classes.id_of(label)
+        class_id = other_class_id if class_id is None else class_id
         if class_id is None:
             unused[f"class {label!r} is not configured"] += 1
         elif not has_area[row]:
@@ -160,12 +155,6 @@ def decode_detections2d(
         {name: values[at] for name, values in counts.items()},
         dict(sorted(unused.items())),
     )
-
-
-def _name_of(label: str, class_ids: Mapping[str, int], class_names: Sequence[str]) -> str:
-    if label.lower() not in class_ids and label.isdecimal() and int(label) < len(class_names):
-        return class_names[int(label)].strip().lower()
-    return label.lower()
 
 
 def _numbers(bbox: Any) -> list[float]:

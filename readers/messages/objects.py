@@ -8,7 +8,7 @@ become boxes around them, polygons boxes around their footprint, along the axes 
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.geometry.posed_boxes import PosedBoxes
 from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
 from lidcam.pipeline.detectors.onnx.class_names import COCO_LABELS
@@ -47,14 +46,13 @@ class FoundObjects(NamedTuple):
 
 
 class ObjectClasses:
-    """The configured classes by what detectors call them."""
+    """The classes by what detectors call them; `numbering` is a `class_numbers` of the settings."""
 
-    def __init__(self, config: Config) -> None:
-        numbering = config.detect3d.recorded.class_numbers
-        known = config.class_id_of_label
-        self._ids = (
-            known if numbering == "labels" else {name: row for name, row in known.items() if not name.isdecimal()}
-        )
+    def __init__(
+        self, class_id_of_label: Mapping[str, int], numbering: Literal["labels", "coco", "autoware"] = "labels"
+    ) -> None:
+        known = {label.strip().lower(): class_id for label, class_id in class_id_of_label.items()}
+        self._ids = {label: row for label, row in known.items() if numbering == "labels" or not label.isdecimal()}
         self._numbered = {"labels": (), "coco": COCO_LABELS, "autoware": AUTOWARE_LABELS}[numbering]
 
     def id_of(self, label: str) -> int | None:

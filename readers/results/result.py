@@ -30,7 +30,7 @@ from lidcam.readers.messages.detections import (
     decode_detections3d,
     track_ids,
 )
-from lidcam.readers.messages.objects import TRACKS, decode_tracks
+from lidcam.readers.messages.objects import TRACKS, ObjectClasses, decode_tracks
 from lidcam.readers.notes import Notes
 from lidcam.readers.open import open_recording
 from lidcam.readers.recording import DEFAULT_READ_OPTIONS, Closing, ReadOptions, Recording
@@ -197,7 +197,7 @@ class Result(Closing):
         return replace(source, motion=Motion(velocities, yaw_rates, is_predicted))
 
     def _boxes(self, message: RawMessage, limits: RecordingLimits) -> Boxes2D:
-        found = decode_detections2d(message, self._class_ids, limits=limits)
+        found = decode_detections2d(message, ObjectClasses(self._class_ids), limits=limits)
         for reason, count in found.unused.items():
             self._unused.add_note(f"2D boxes that are not used, {reason}", count=count)
         return found.boxes

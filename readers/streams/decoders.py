@@ -13,9 +13,9 @@ from lidcam.pipeline.core.messages import Drop, RawMessage
 from lidcam.pipeline.core.optics.images import Image
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.detectors.onnx.class_names import COCO_LABELS
 from lidcam.readers.messages.detections import Detections2D
 from lidcam.readers.messages.image import decode_any_image
+from lidcam.readers.messages.objects import ObjectClasses
 from lidcam.readers.messages.registry import decode_as
 from lidcam.readers.velodyne.decoder import VelodyneDecoders
 from lidcam.readers.velodyne.scan import PACKET_BYTES, SCAN
@@ -118,11 +118,7 @@ class RecordedBoxes:
         self._topics = {camera.name: camera.boxes_topic for camera in rig.cameras if camera.boxes_topic}
         self._min_score = config.detect2d.min_score
         self._limits = config.limits
-        self._class_ids = config.class_id_of_label
-        self._numbered: tuple[str, ...] = ()
-        if config.detect2d.class_numbers == "coco":
-            self._class_ids = {label: row for label, row in self._class_ids.items() if not label.isdecimal()}
-            self._numbered = COCO_LABELS
+        self._classes = ObjectClasses(config.class_id_of_label, config.detect2d.class_numbers)
         self._on_bad = on_bad
 
     def __call__(self, bundle: SensorBundle) -> Decoded[Boxes2D]:
@@ -139,9 +135,7 @@ class RecordedBoxes:
         return Decoded(boxes, decoded.drops, dict(sorted((+unused).items())))
 
     def _decode_one(self, message: RawMessage) -> Detections2D:
-        found: Detections2D = decode_as(
-            "2D boxes", message, self._class_ids, class_names=self._numbered, limits=self._limits
-        )
+        found: Detections2D = decode_as("2D boxes", message, self._classes, limits=self._limits)
         return found
 
 

@@ -28,7 +28,7 @@ class RecordedBoxes3D:
     def __init__(self, rig: Rig, config: Config, *, on_bad: OnBadMessage) -> None:
         self._rig, self._config, self._on_bad = rig, config, on_bad
         self._detectors = {detector.topic: detector for detector in rig.detectors}
-        self._classes = ObjectClasses(config)
+        self._classes = ObjectClasses(config.class_id_of_label, config.detect3d.recorded.class_numbers)
         self._min_score = config.detect3d.min_score
 
     def __call__(self, bundle: SensorBundle) -> Decoded[Boxes3D]:

@@ -16,6 +16,7 @@ from lidcam.pipeline.core.ros.vision_numbers import IMAGE_PIXELS
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, TruthBoxes2D, TruthBoxes3D
 from lidcam.readers.messages.detections import decode_detections2d, decode_detections3d
+from lidcam.readers.messages.objects import ObjectClasses
 from lidcam.readers.notes import Notes
 from lidcam.readers.recording import Recording
 from lidcam.readers.truth.boxes import class_ids_of
@@ -124,7 +125,8 @@ class RecordedTruth(TruthSource):
         self._timelines[message.topic].add_moment(moment)
 
     def _take_image(self, message: RawMessage) -> None:
-        found = decode_detections2d(message, self._class_ids, other_class_id=UNKNOWN, limits=self._limits)
+        classes = ObjectClasses(self._class_ids)
+        found = decode_detections2d(message, classes, other_class_id=UNKNOWN, limits=self._limits)
         name = message.topic.split("/")[-2]
         images = self._images.get(self._camera_of_frame.get(found.boxes.frame_id, name))
         if images is None:

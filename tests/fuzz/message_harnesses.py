@@ -41,7 +41,7 @@ from lidcam.readers.messages.compressed_cloud import decode_compressed_cloud
 from lidcam.readers.messages.deserialize import definition_problem, deserialize, typestore_for
 from lidcam.readers.messages.detections import decode_detections2d, decode_detections3d
 from lidcam.readers.messages.image import decode_any_image
-from lidcam.readers.messages.objects import decode_tracks
+from lidcam.readers.messages.objects import ObjectClasses, decode_tracks
 from lidcam.readers.messages.pointcloud import decode_livox, decode_pointcloud
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 from lidcam.readers.messages.tf import decode_odometry, decode_transforms, read_transforms
@@ -58,8 +58,8 @@ ENCODINGS: tuple[Encoding, ...] = ("ros1", "cdr")
 
 LIMITS = RecordingLimits(
     max_unpacked_file_gib=0.05,
-    max_chunk_mib=4,
-    max_message_mib=2,
+    max_chunk_bytes=4 << 20,
+    max_message_bytes=2 << 20,
     max_messages_per_chunk=2000,
     max_messages_in_memory=10_000,
     max_positions_waiting=10_000,
@@ -362,7 +362,7 @@ MESSAGES: dict[str, Harness] = {
     "to_ros2": _of_messages("nav_msgs/msg/Odometry", to_ros2, lambda: [odometry(stamp_ns=T0)]),
     "detections2d": _of_messages(
         "vision_msgs/msg/Detection2DArray",
-        lambda m: decode_detections2d(m, {"car": 0}, class_names=["car"]),
+        lambda m: decode_detections2d(m, ObjectClasses({"car": 0}, "coco")),
         lambda: [_boxes()],
     ),
     "detections3d": Harness(_objects, _object_seeds),

@@ -5,21 +5,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Engine3D:
-    """A source of the 3D boxes of a frame.
+    """A source of the 3D boxes of a frame."""
 
-    Attributes:
-        maker: `module:name` of what makes the engine, a `lidcam.pipeline.detectors.protocols.Detector3D`, from rig and
-            settings; imported where it is used. Empty: nothing looks at the cloud.
-        words: Where the boxes come from, for tables.
-        scores_are_probabilities: Whether a score is the probability that there is an object. Other scores are
-            calibrated by `lidcam.pipeline.fusion.belief`.
-        boxes_are_completed: Whether boxes are what is seen, completed to the size of their class, so that a box whose
-            class changes is completed anew.
-    """
-
+    # `module:name` of what makes the engine, a `lidcam.pipeline.detectors.protocols.Detector3D`, from rig and settings;
+    # imported where it is used. Empty: nothing looks at the cloud
     maker: str
-    words: str
+    words: str  # Where the boxes come from, for tables
+    # Whether a score is the probability that there is an object. Other scores are calibrated by
+    # `lidcam.pipeline.fusion.belief`
     scores_are_probabilities: bool = True
+    # Whether boxes are what is seen, completed to the size of their class, so that a box whose class changes is
+    # completed anew
     boxes_are_completed: bool = False
 
 

@@ -82,67 +82,37 @@ class RecordingLimits:
     """Limits that keep a hostile recording from filling memory or disk; valid recordings stay far below them.
 
     Anything beyond a limit is treated as damage. The setting `limit_scale` multiplies them all.
-
-    Attributes:
-        max_unpacked_file_gib: Unpacked size of a compressed file, and of the chunks of a file in one reading, each as
-            often as it is unpacked; at least twenty times the size of the file is allowed.
-        max_chunk_mib: Unpacked size of a compressed chunk.
-        max_message_mib: Unpacked size of a message.
-        max_messages_per_chunk: Records in one chunk.
-        max_messages_in_memory: Messages whose times are in memory at once, for the rates that `inspect` shows.
-        max_positions_waiting: Messages whose positions wait for their turn, some 200 bytes each: those of chunks that
-            overlap in time, and of an MCAP file those outside of chunks.
-        max_topics: Topics of one recording.
-        max_message_items: Strings and messages in the lists of one message, as boxes or transforms; each takes
-            kilobytes of memory once it is decoded.
-        max_boxes: Boxes in one message.
-        max_frames: Coordinate frames that transforms name.
-        max_points: Points in one cloud.
-        max_frame_points: Points in the clouds of one frame.
-        max_image_mpx: Millions of pixels in one image.
-        max_frame_mpx: Millions of pixels in the images of one frame that a network looks at.
-        max_waiting_mib: Messages that wait for those of other topics; also what the frames in work hold, roughly.
-        max_request_s: Seconds that a server may take for one request, however little it sends at a time.
-        max_losses_listed: Damaged places of one file that are listed singly; the rest are summed up.
     """
 
+    # Unpacked size of a compressed file, and of the chunks of a file in one reading, each as often as it is unpacked;
+    # at least twenty times the size of the file is allowed
     max_unpacked_file_gib: float = 4.0
-    max_chunk_mib: int = 256
-    max_message_mib: int = 256
-    max_messages_per_chunk: int = 1_000_000
+    max_chunk_bytes: int = 256 << 20  # Unpacked size of a compressed chunk
+    max_message_bytes: int = 256 << 20  # Unpacked size of a message
+    max_messages_per_chunk: int = 1_000_000  # Records in one chunk
+    # Messages whose times are in memory at once, for the rates that `inspect` shows
     max_messages_in_memory: int = 10_000_000
+    # Messages whose positions wait for their turn, some 200 bytes each: those of chunks that overlap in time, and of an
+    # MCAP file those outside of chunks
     max_positions_waiting: int = 4_000_000
-    max_topics: int = 1000
+    max_topics: int = 1000  # Topics of one recording
+    # Strings and messages in the lists of one message, as boxes or transforms; each takes kilobytes once it is decoded
     max_message_items: int = 20_000
-    max_boxes: int = 2000
-    max_frames: int = 10_000
-    max_points: int = 2_000_000
-    max_frame_points: int = 2_000_000
-    max_image_mpx: float = 50.0
-    max_frame_mpx: float = 80.0
-    max_waiting_mib: int = 768
-    max_request_s: float = 60.0
-    max_losses_listed: int = 1000
+    max_boxes: int = 2000  # Boxes in one message
+    max_frames: int = 10_000  # Coordinate frames that transforms name
+    max_points: int = 2_000_000  # Points in one cloud
+    max_frame_points: int = 2_000_000  # Points in the clouds of one frame
+    max_image_mpx: float = 50.0  # Millions of pixels in one image
+    max_frame_mpx: float = 80.0  # Millions of pixels in the images of one frame that a network looks at
+    # Messages that wait for those of other topics; also what the frames in work hold, roughly
+    max_waiting_bytes: int = 768 << 20
+    max_request_s: float = 60.0  # Time of a server for one request, however little it sends at a time
+    max_losses_listed: int = 1000  # Damaged places of one file that are listed singly; the rest are summed up
 
     def scaled(self, factor: float) -> Self:
         """Every limit multiplied by a factor."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return replace(self, **{name: type(value)(value * factor) for name, value in values.items()})
-
-    @property
-    def max_chunk_bytes(self) -> int:
-        """`max_chunk_mib` in bytes."""
-        return self.max_chunk_mib << 20
-
-    @property
-    def max_message_bytes(self) -> int:
-        """`max_message_mib` in bytes."""
-        return self.max_message_mib << 20
-
-    @property
-    def max_waiting_bytes(self) -> int:
-        """`max_waiting_mib` in bytes."""
-        return self.max_waiting_mib << 20
 
     def max_unpacked_bytes(self, file_bytes: int) -> int:
         """Largest unpacked size of a file of `file_bytes`, in bytes."""

@@ -51,7 +51,7 @@ def test_a_chunk_that_would_fill_the_memory_is_passed_over(tmp_path: Path, kind:
         write_mcap(path, messages, how, chunk_bytes=1)  # type: ignore[arg-type]  # a part of `kind`
     else:
         write_rosbag1(path, messages, kind, chunk_bytes=1)
-    with open_recording([path], ReadOptions(limits=RecordingLimits(max_chunk_mib=1))) as recording:
+    with open_recording([path], ReadOptions(limits=RecordingLimits(max_chunk_bytes=1 << 20))) as recording:
         assert [m.log_time_ns for m in recording.messages()] == [1, 3]
         (loss,) = recording.losses
     assert loss.messages == 1

@@ -89,7 +89,7 @@ def test_a_message_that_unpacks_to_too_much(
         bomb = bomb._replace(data=zstandard.compress(bytes(64 * MIB)))
     write_rosbag2(tmp_path / "rec", [small, bomb, last], plugin)
     with at_most(12):
-        times, losses = read(tmp_path / "rec", RecordingLimits(max_message_mib=2))
+        times, losses = read(tmp_path / "rec", RecordingLimits(max_message_bytes=2 << 20))
     assert times == [1, 3]
     assert len(losses) == 1
     assert ("limit_scale" in losses[0]) == says_size
@@ -99,7 +99,7 @@ def test_a_message_that_unpacks_to_too_much(
 def test_a_message_that_is_too_large(tmp_path: Path, kind: str) -> None:
     messages = states(3, "ros1" if kind == "bag" else "cdr")
     messages[1] = messages[1]._replace(data=bytes(2 * MIB))
-    times, losses = read(write_recording(tmp_path / "rec", kind, messages), RecordingLimits(max_message_mib=1))
+    times, losses = read(write_recording(tmp_path / "rec", kind, messages), RecordingLimits(max_message_bytes=1 << 20))
     assert times == [1, 3]
     assert "limit_scale" in losses[-1]
 

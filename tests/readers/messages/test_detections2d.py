@@ -9,10 +9,12 @@ from message_layouts import message_of_layout
 
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.messages.detections import Detections2D, decode_detections2d
+from lidcam.readers.messages.objects import ObjectClasses
 
 STAMP_NS = 1_700_000_000_123_456_789
 MSGTYPE = "vision_msgs/msg/Detection2DArray"
 CLASS_IDS = {"car": 0, "person": 1, "Pedestrian": 1}
+CLASSES, NUMBERED = ObjectClasses(CLASS_IDS), ObjectClasses(CLASS_IDS, "coco")
 
 BOX = {"center": {"position": {"x": 30.0, "y": 40.0}}, "size_x": 20.0, "size_y": 10.0}
 
@@ -25,16 +27,18 @@ def box(x: float, y: float, size_x: float, size_y: float, theta: float = 0.0) ->
     return {"center": {"position": {"x": x, "y": y}, "theta": theta}, "size_x": size_x, "size_y": size_y}
 
 
-def decode(*detections: Fields, encoding: builders.Encoding = "cdr", **options: Any) -> Detections2D:
+def decode(
+    *detections: Fields, classes: ObjectClasses = CLASSES, encoding: builders.Encoding = "cdr", **options: Any
+) -> Detections2D:
     body = {"header": builders.header(STAMP_NS, "/camera"), "detections": list(detections)}
-    return decode_detections2d(builders.raw("/boxes", MSGTYPE, body, STAMP_NS, encoding=encoding), CLASS_IDS, **options)
+    return decode_detections2d(builders.raw("/boxes", MSGTYPE, body, STAMP_NS, encoding=encoding), classes, **options)
 
 
 @pytest.mark.parametrize("encoding", ["ros1", "cdr"])
 def test_boxes_classes_and_scores(encoding: builders.Encoding) -> None:
     xyxy = [[10.0, 20.0, 30.0, 50.0], [-5.5, 0.0, 600.25, 400.0]]
     body = builders.detection2d_array(xyxy, class_names=["person", "CAR"], scores=[0.25, 0.75], stamp_ns=STAMP_NS)
-    found = decode_detections2d(builders.raw("/boxes", MSGTYPE, body, STAMP_NS, encoding=encoding), CLASS_IDS)
+    found = decode_detections2d(builders.raw("/boxes", MSGTYPE, body, STAMP_NS, encoding=encoding), CLASSES)
     assert (found.boxes.stamp_ns, found.boxes.frame_id, dict(found.unused)) == (STAMP_NS, "camera", {})
     np.testing.assert_array_equal(found.boxes.xyxy, xyxy)
     np.testing.assert_array_equal(found.boxes.scores, [0.25, 0.75])
@@ -89,7 +93,7 @@ def test_numbers_as_classes() -> None:
     numbered = [detection(("2", 0.9)), detection(("0", 0.9)), detection(("7", 0.9)), detection(("-1", 0.9))]
     unknown = decode(*numbered)
     assert (len(unknown.boxes), sum(unknown.unused.values())) == (0, 4)
-    known = decode(*numbered, class_names=("person", "bicycle", "Car"))
+    known = decode(*numbered, classes=NUMBERED)
     np.testing.assert_array_equal(known.boxes.class_ids, [0, 1])
     assert list(known.unused) == ["class '7' is not configured", "no class with a score"]
 
@@ -138,7 +142,7 @@ OLD_BOX = {"center": {"x": 30.0, "y": 40.0, "theta": math.pi / 2}, "size_x": 20.
 )
 def test_older_layouts(definitions: dict[str, str], encoding: builders.Encoding, result: Fields) -> None:
     raw = old_message(definitions, encoding, [{"results": [result], "bbox": OLD_BOX}])
-    found = decode_detections2d(raw, CLASS_IDS, class_names=("person", "bicycle", "car"))
+    found = decode_detections2d(raw, NUMBERED)
     np.testing.assert_allclose(found.boxes.xyxy, [[25, 30, 35, 50]], atol=1e-5)
     np.testing.assert_array_equal(found.boxes.scores, [0.5])
     np.testing.assert_array_equal(found.boxes.class_ids, [0])

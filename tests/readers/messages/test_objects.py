@@ -26,7 +26,7 @@ from lidcam.readers.messages.objects import (
 
 STAMP_NS = 1_700_000_000_123_456_789
 CONFIG = Config()
-CLASSES = ObjectClasses(CONFIG)
+CLASSES = ObjectClasses(CONFIG.class_id_of_label)
 NO_VOLUME, NO_TURN = "box without a volume, or out of all bounds", "box without an orientation"
 
 
@@ -101,10 +101,9 @@ def test_what_cannot_be_used_is_counted(format_: Format) -> None:
         ("autoware", "\u0661", None),
     ],
 )
-def test_what_labels_and_numbers_mean(numbers: str, label: str, name: str | None) -> None:
-    config = Config.model_validate({"detect3d": {"recorded": {"class_numbers": numbers}}})
-    found = ObjectClasses(config).id_of(label)
-    assert (None if found is None else config.class_names[found]) == name
+def test_what_labels_and_numbers_mean(numbers: Any, label: str, name: str | None) -> None:
+    found = ObjectClasses(CONFIG.class_id_of_label, numbers).id_of(label)
+    assert (None if found is None else CONFIG.class_names[found]) == name
 
 
 BOX = {"center": {"orientation": {"w": 1.0}}, "size": {"x": 4.0, "y": 2.0, "z": 1.5}}

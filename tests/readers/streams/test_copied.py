@@ -88,7 +88,7 @@ def test_what_waits_is_limited_and_room_is_made_again() -> None:
     drops: list[Drop] = []
     one = message("/truth", 0)
     big = one._replace(data=bytes(one.data) + bytes((1 << 19) - len(one.data) - MESSAGE_BYTES))
-    copied = CopiedMessages(("/truth",), limits=RecordingLimits(max_waiting_mib=1), on_drop=drops.append)
+    copied = CopiedMessages(("/truth",), limits=RecordingLimits(max_waiting_bytes=1 << 20), on_drop=drops.append)
     stream = [big._replace(log_time_ns=at) for at in (0, 1, 2)] + [message("/sensor", 3)]
     stream += [big._replace(log_time_ns=at) for at in (4, 5)] + [message("/sensor", 6)]
     found = handed_on(copied, stream)

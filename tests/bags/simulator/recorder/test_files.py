@@ -28,6 +28,7 @@ from lidcam.readers.messages.camera_info import camera_model
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.messages.detections import decode_detections2d
 from lidcam.readers.messages.image import decode_any_image
+from lidcam.readers.messages.objects import ObjectClasses
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 from lidcam.readers.messages.tf import decode_odometry, decode_transforms
 from lidcam.readers.open import open_recording
@@ -131,10 +132,10 @@ def test_poses_boxes_and_commands_come_back(recording: Path) -> None:
     assert isinstance(transform, Transform)
     np.testing.assert_allclose(transform.matrix, POSE.matrix, atol=1e-12)
     labels = {"car": 0, "pedestrian": 1, "1": 0, "2": 1}
-    boxes = decode_detections2d(found["/boxes"], labels).boxes
+    boxes = decode_detections2d(found["/boxes"], ObjectClasses(labels)).boxes
     np.testing.assert_allclose(boxes.xyxy, BOXES, atol=1e-5)
     assert boxes.class_ids.tolist() == [0, 1]
-    assert len(decode_detections2d(found["/nothing"], labels).boxes) == 0
+    assert len(decode_detections2d(found["/nothing"], ObjectClasses(labels)).boxes) == 0
     drive = deserialize(found["/drive"]).drive
     assert (drive.speed, drive.steering_angle) == (0.5, -0.25)
     assert deserialize(found["/wheel"]).data == 14.0
