@@ -127,7 +127,6 @@ def _words(schema: Mapping[str, Any]) -> str:
 
 
 def _value(config: Config, names: list[str]) -> Any:
-    """The value at a key as plain values."""
     tree: Any = config.model_dump(mode="json")
     for name in names:
         tree = tree[name]

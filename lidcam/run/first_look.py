@@ -172,7 +172,6 @@ def _looked_at(source: RunInput, known: KnownBoxes, workers: int) -> Iterator[Fr
 
 
 def _bundles(source: RunInput, drops: DropTable) -> Iterator[SensorBundle]:
-    """The bundles of some stretches."""
     recording, window = source.recording, source.window
     start_ns = recording.start_ns if window.start_ns is None else window.start_ns
     stop_ns = recording.end_ns + 1 if window.stop_ns is None else min(window.stop_ns, recording.end_ns + 1)

@@ -154,7 +154,6 @@ def make_job(
 
 
 def _given_detectors(options: JobOptions) -> GivenDetectors:
-    """The functions of the caller."""
     in_cloud, in_images = options.get("detector"), options.get("detector_2d")
     for keyword, find, model in (("detector", in_cloud, "model_3d"), ("detector_2d", in_images, "model_2d")):
         if find is not None and not callable(find):

@@ -174,5 +174,4 @@ def _first(table: Any) -> str:
 
 @cache
 def _names(record: type["DataclassInstance"]) -> tuple[str, ...]:
-    """The fields of a record."""
     return tuple(field.name for field in fields(record))

@@ -10,7 +10,7 @@ DracoPy rounds float64 to float32: such times of points are lost, which the log 
 
 import zlib
 from importlib.util import find_spec
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import zstandard
@@ -97,14 +97,6 @@ def _unpacked(data: bytes, format_name: str, size: int, topic: str) -> U8:
 # --- Draco
 
 
-class _Attribute(NamedTuple):
-    """Values of a Draco cloud."""
-
-    name: str  # Empty if the cloud does not name it
-    is_position: bool
-    values: Array  # (N, K) float32, uint32, ...
-
-
 def missing_draco() -> str:
     """Why Draco's clouds cannot be decoded on this machine and what to do; empty if they can."""
     if find_spec("DracoPy") is not None:
@@ -112,8 +104,8 @@ def missing_draco() -> str:
     return "it is compressed by Draco, which needs DracoPy: pip install 'lidcam[draco]'"
 
 
-def _draco(data: U8, topic: str, limits: RecordingLimits, others: int) -> list[_Attribute]:
-    """The attributes of a cloud in the order of the encoder."""
+def _draco(data: U8, topic: str, limits: RecordingLimits, others: int) -> list[Any]:
+    """The attributes of a cloud in the order of the encoder, as DracoPy gives them: `data` is (N, K)."""
     if problem := missing_draco():
         raise MessageError(f"{topic}: {problem}")
     import DracoPy
@@ -121,35 +113,33 @@ def _draco(data: U8, topic: str, limits: RecordingLimits, others: int) -> list[_
     packed = data.tobytes()
     try:
         check_points(draco_points(packed), topic, limits, others)
-        found = DracoPy.decode(packed).attributes
+        return list(DracoPy.decode(packed).attributes)
     except (DracoPy.FileTypeException, ValueError) as err:
         raise MessageError(f"{topic}: {len(packed)} bytes that are no usable cloud of Draco ({err})") from err
-    position = int(DracoPy.AttributeType.POSITION)
-    return [_Attribute(one["name"] or "", one["attribute_type"] == position, one["data"]) for one in found]
 
 
-def _columns(attributes: list[_Attribute], fields: list[Any], topic: str) -> dict[str, Array]:
+def _columns(attributes: list[Any], fields: list[Any], topic: str) -> dict[str, Array]:
     """The first column of each attribute by the name of its field."""
     if len(attributes) != len(fields):
         raise MessageError(f"{topic}: {len(attributes)} attributes of Draco for {len(fields)} fields")
-    pairs = zip(fields, attributes, strict=True)
-    return {field.name: attribute.values[:, 0] for field, attribute in pairs}
+    return {field.name: one["data"][:, 0] for field, one in zip(fields, attributes, strict=True)}
 
 
-def _foxglove_columns(attributes: list[_Attribute], pose: Any, topic: str) -> dict[str, Array]:
+def _foxglove_columns(attributes: list[Any], pose: Any, topic: str) -> dict[str, Array]:
     """The points, moved by the pose, and the named attributes."""
-    xyz = next((one.values for one in attributes if one.is_position and one.values.shape[1] == 3), None)
+    positions = (one["data"] for one in attributes if one["attribute_type"] == POSITION)
+    xyz = next((values for values in positions if values.shape[1] == 3), None)
     if xyz is None:
         raise MessageError(f"{topic}: a cloud of Draco without positions of three coordinates")
     position, turn = pose_numbers(pose)
     moved = Transform.from_quaternion("frame", "points", position, turn if any(turn) else [0.0, 0.0, 0.0, 1.0])
     if not np.array_equal(moved.matrix, np.eye(4)):
         xyz = moved.apply(xyz)
-    named = {one.name: one.values[:, 0] for one in attributes if one.name}
+    named = {one["name"]: one["data"][:, 0] for one in attributes if one["name"]}
     return {**named, **{axis: xyz[:, index] for index, axis in enumerate("xyz")}}
 
 
-VERSION, POINT_CLOUD, SEQUENTIAL, KD_TREE = 2, 0, 0, 1
+VERSION, POINT_CLOUD, POSITION, SEQUENTIAL = 2, 0, 0, 0
 HAS_METADATA = 0x8000
 HEAD_BYTES = 11
 TYPE_BYTES = (8, 1, 1, 2, 2, 4, 4, 8, 8, 4, 8, 1)
@@ -192,7 +182,6 @@ class _Head:
         self._data, self._at = data, at
 
     def take(self, size: int) -> bytes:
-        """The next bytes."""
         self._at += size
         if self._at > len(self._data):
             raise ValueError("its head is cut off")

@@ -8,7 +8,7 @@ full name. Unset fields have proto3's defaults; without a timestamp the stamp is
 import base64
 import json
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,8 @@ JSON_KINDS: dict[str, tuple[str, type | tuple[type, ...]]] = {
 
 VARINT, LENGTH, FIXED_BYTES = 0, 2, {1: 8, 5: 4}
 MAX_VARINT_BYTES = 10
+
+_VIDEO, _CLOUD = "foxglove_msgs/msg/CompressedVideo", "foxglove_msgs/msg/CompressedPointCloud"
 
 # foxglove.PackedElementField.NumericType
 _NUMERIC_TYPES = {1: "u1", 2: "i1", 3: "u2", 4: "i2", 5: "u4", 6: "i4", 7: "f4", 8: "f8"}
@@ -128,13 +130,9 @@ def _compressed(msgtype: str, fields: Fields, stamp_ns: int, **more: Any) -> Any
     return ROS2.new(msgtype, timestamp=ROS2.time(stamp_ns), data=_data(fields), **known, **more)
 
 
-def _compressed_video(fields: Fields, stamp_ns: int) -> Any:
-    return _compressed("foxglove_msgs/msg/CompressedVideo", fields, stamp_ns)
-
-
 def _compressed_cloud(fields: Fields, stamp_ns: int) -> Any:
     placed = ROS2.pose(*_placed(fields.get("pose", {})))
-    return _compressed("foxglove_msgs/msg/CompressedPointCloud", fields, stamp_ns, pose=placed)
+    return _compressed(_CLOUD, fields, stamp_ns, pose=placed)
 
 
 def _camera_calibration(fields: Fields, stamp_ns: int) -> Any:
@@ -187,7 +185,6 @@ def _transform_stamped(fields: Fields, stamp_ns: int) -> Any:
 
 
 def _placed(pose: Fields) -> tuple[list[float], list[float]]:
-    """Position and rotation of a pose."""
     return _numbers(pose.get("position", {}), "xyz"), _rotation(pose.get("orientation", {}))
 
 
@@ -205,8 +202,11 @@ _SCHEMAS: dict[str, tuple[str, Callable[[Fields, int], Any]]] = {
     "foxglove.PointCloud": ("sensor_msgs/msg/PointCloud2", _point_cloud),
     "foxglove.RawImage": ("sensor_msgs/msg/Image", _raw_image),
     "foxglove.CompressedImage": ("sensor_msgs/msg/CompressedImage", _compressed_image),
-    "foxglove.CompressedVideo": ("foxglove_msgs/msg/CompressedVideo", _compressed_video),
-    "foxglove.CompressedPointCloud": ("foxglove_msgs/msg/CompressedPointCloud", _compressed_cloud),
+    "foxglove.CompressedVideo": (
+        "foxglove_msgs/msg/CompressedVideo",
+        partial(_compressed, "foxglove_msgs/msg/CompressedVideo"),
+    ),
+    "foxglove.CompressedPointCloud": (_CLOUD, _compressed_cloud),
     "foxglove.CameraCalibration": ("sensor_msgs/msg/CameraInfo", _camera_calibration),
     "foxglove.FrameTransform": ("tf2_msgs/msg/TFMessage", _frame_transform),
     "foxglove.FrameTransforms": ("tf2_msgs/msg/TFMessage", _frame_transforms),

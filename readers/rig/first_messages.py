@@ -106,7 +106,6 @@ class FirstMessages:
         return self._found[key]
 
     def _read(self, topic: str, msgtypes: Collection[str]) -> _First | MessageError:
-        """The message, or the error to raise."""
         fault: MessageError | None = None
         tried = 0
         for message in self._recording.messages([topic]):

@@ -58,13 +58,8 @@ class CloudDecoder:
     def _decode_one(self, message: RawMessage, others: int) -> tuple[PointCloud, tuple[Drop, ...]]:
         """The cloud of a message; `others` are the points of the frame's other clouds."""
         # Times of points and packets are by the sensor's clock, so they are decoded with its own stamp.
-        offset_ns = self._offsets_ns[message.topic]
-        if not offset_ns:
-            return self._decode_as_stamped(message, others)
-        cloud, drops = self._decode_as_stamped(message._replace(stamp_ns=message.stamp_ns + offset_ns), others)
-        return replace(cloud, stamp_ns=message.stamp_ns), drops
-
-    def _decode_as_stamped(self, message: RawMessage, others: int) -> tuple[PointCloud, tuple[Drop, ...]]:
+        stamp_ns = message.stamp_ns
+        message = message._replace(stamp_ns=stamp_ns + self._offsets_ns[message.topic])
         drops: tuple[Drop, ...] = ()
         if message.channel.msgtype == SCAN:
             max_points = min(self._limits.max_points, self._limits.max_frame_points - others)
@@ -80,7 +75,7 @@ class CloudDecoder:
                 Drop(message.topic, message.stamp_ns, "packets that cannot be decoded", fault, 1)
                 for fault in message.defects
             )
-        return cloud if cloud.frame_id else replace(cloud, frame_id=self._frames[message.topic]), drops
+        return replace(cloud, stamp_ns=stamp_ns, frame_id=cloud.frame_id or self._frames[message.topic]), drops
 
 
 class ImageDecoder:

@@ -180,13 +180,11 @@ class _SensorMessages(Closing):
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """See `Recording`."""
         return self._recording.losses
 
     def messages(
         self, topics: Collection[str] | None = None, *, start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[RawMessage]:
-        """See `Recording`."""
         wanted = frozenset([info.topic for info in self.topics] if topics is None else topics)
         if not any(channel.topic in wanted for channel in self._packets):
             return self._sensor_messages(topics, wanted, start_ns, stop_ns)
@@ -210,7 +208,6 @@ class _SensorMessages(Closing):
                 yield to_ros(message, limits=self._limits) if message.channel in self._foreign else message
 
     def close(self) -> None:
-        """Close the recording."""
         self._recording.close()
 
     def _sweeps(self, channels: Collection[Channel]) -> dict[Channel, Callable[[str], Sweep]]:

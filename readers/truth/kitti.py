@@ -296,7 +296,6 @@ def _by_frame(labels: Sequence[KittiLabel]) -> dict[int, list[KittiLabel]]:
 
 
 def _calibration(labels: Path) -> KittiCalibration:
-    """The calibration that goes with a label file."""
     folder = labels.absolute().parent
     places = folder.parent / "calib" / labels.name, folder / "calib" / labels.name
     place = next((place for place in places if place.is_file()), None)

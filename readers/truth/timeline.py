@@ -113,7 +113,6 @@ def _has_ids(moment: Moment) -> bool:
 
 
 def _placed(moment: Moment, stamp_ns: int) -> Moment:
-    """The same objects at another time."""
     return replace(moment, boxes=replace(moment.boxes, stamp_ns=stamp_ns))
 
 
@@ -148,7 +147,6 @@ def _same(near: TruthBoxes3D, far: TruthBoxes3D) -> tuple[Indices, Indices]:
 
 
 def _joined(first: Moment, second: Moment) -> Moment:
-    """The objects of two, one after the other."""
     cameras = sorted({*first.camera_pixels, *second.camera_pixels})
     pixels = {camera: np.concatenate([_pixels(first, camera), _pixels(second, camera)]) for camera in cameras}
     return Moment(join_rows(first.boxes, second.boxes), pixels)

@@ -62,7 +62,6 @@ class _Scan:
         self._data_end: int | None = None  # position of the record that ends the data
 
     def run(self) -> None:
-        """Scan from the beginning of the file to its end."""
         position = MAGIC_BYTES
         record = self._read(position)
         while position < self._end:

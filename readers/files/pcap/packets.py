@@ -254,7 +254,6 @@ def _ipv4_begin(head: bytes, link_type: int) -> int | str:
 
 
 def _udp(head: bytes, at: int, position: int, captured: int) -> Datagram | str:
-    """The UDP packet in the IPv4 packet that begins at `at`."""
     if _u16(head, at + 6) & 0x3FFF:  # more fragments, or not the first one
         return FRAGMENTS
     if head[at + 9] != UDP:

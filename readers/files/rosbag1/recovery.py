@@ -66,7 +66,6 @@ class _Scan:
         self._unpacked = 0  # bytes of the chunks read
 
     def run(self) -> None:
-        """Scan from the beginning of the file to its end."""
         position = MAGIC_BYTES
         record = self._read(position)
         while position < self._end:
