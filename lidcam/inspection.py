@@ -20,8 +20,9 @@ from lidcam.readers.location import Location, RemotePath
 from lidcam.readers.open import open_recording
 from lidcam.readers.recording import Loss, ReadOptions, Recording
 from lidcam.readers.rig.calibration import SensorSource
-from lidcam.readers.rig.discovery import calibrated_rig
+from lidcam.readers.rig.discovery import Discovery, calibrated_rig
 from lidcam.readers.rig.draft import draft_yaml
+from lidcam.readers.rig.schema import RigFile
 from lidcam.readers.rig.search import FoundSensors, find_sensors
 from lidcam.readers.rig.sensor_topics import SensorFault
 from lidcam.readers.streams.per_sensor import sensor_messages
@@ -38,7 +39,7 @@ from lidcam.run.choice import SettingsChoice, UsedSettings, use_settings, used_r
 from lidcam.run.frames import RunInput, TimeWindow, missing_from_frames, no_frames, sensor_clocks, synchronize_stamps
 from lidcam.run.job import RigSource, read_rig
 from lidcam.run.missing import MissingSensor
-from lidcam.run.scene import find_motion, level_site
+from lidcam.run.scene import find_motion, on_level_site
 from lidcam.run.summary import DropCount, incomplete_lines, loss_records
 from lidcam.run.tally import DropTable
 from lidcam.run.warning import RunWarning
@@ -169,16 +170,16 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         stop_ns=window.stop_ns,
     )
     look = partial(survey, recording, stop_ns=window.stop_ns, limits=config.limits)
-    sensors: FoundSensors | None = None
+    sensors = list[FoundSensors]()
+
+    def discover(rig: RigFile | None) -> Discovery:
+        sensors.append(find_sensors(recording, config, rig, start_ns=window.start_ns, stop_ns=window.stop_ns))
+        return calibrated_rig(sensors[-1])
+
     try:
-        find = partial(find_sensors, recording, config, start_ns=window.start_ns, stop_ns=window.stop_ns)
-        sensors = find(rig_file)
-        found = calibrated_rig(sensors)
-        if level := level_site(recording, config, rig_file, found):
-            sensors = find(level.rig_file)
-            found = level.told(calibrated_rig(sensors))
+        found = on_level_site(discover(rig_file), recording, config, rig_file, discover)
     except (CalibrationError, RecordingError) as err:
-        topics, draft = look(), draft_yaml(sensors, sensors.zones) if sensors else ""
+        topics, draft = look(), draft_yaml(sensors[-1], sensors[-1].zones) if sensors else ""
         return replace(inspection, topics=topics, losses=recording.losses, problem=_said(err, recording), draft=draft)
     motion, found = find_motion(recording, config, found)
     config, used, found = use_settings(choice, recording, found, rig_file, moves=motion is not None)
@@ -196,7 +197,7 @@ def inspect_open(recording: Recording, choice: SettingsChoice, rig: RigSource | 
         drops=drops.rows,
         sync=stats,
         rig=found.rig,
-        draft=draft_yaml(sensors, found.rig.zones),
+        draft=draft_yaml(sensors[-1], found.rig.zones),
         sensors=found.sources,
         faults=found.faults,
         notes=(*found.notes, *clock_notes(clocks, found.rig.sensor_of_topic)),

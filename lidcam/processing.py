@@ -52,7 +52,7 @@ from lidcam.run.frames import (
 )
 from lidcam.run.job import Job
 from lidcam.run.missing import MissingSensor
-from lidcam.run.scene import find_motion, level_site
+from lidcam.run.scene import find_motion, on_level_site
 from lidcam.run.summary import (
     InputSummary,
     RunSummary,
@@ -146,9 +146,7 @@ def opened(job: Job) -> Iterator["Run"]:
         check_no_input(written_files(job), recording.paths)
         window = time_window(recording, job.start_s, job.duration_s)
         discover = partial(discover_rig, recording, job.config, start_ns=window.start_ns, stop_ns=window.stop_ns)
-        found = discover(job.rig)
-        if level := level_site(recording, job.config, job.rig, found):
-            found = level.told(discover(level.rig_file))
+        found = on_level_site(discover(job.rig), recording, job.config, job.rig, discover)
         for subjects, reason in faults_told(found.faults):
             logger.warning("left out: %s: %s", subjects, reason)
         for sensor in found.sources:

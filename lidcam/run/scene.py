@@ -1,9 +1,9 @@
 """The scene of a recording by its first clouds: its size, the preset that suits it, a level frame for tilted lidars."""
 
 from collections import Counter
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -259,21 +259,14 @@ def _heights_m(xyz_site: F32, rig: Rig) -> F64 | None:
     return None if plane is None else origins @ plane.normal + plane.offset_m
 
 
-class Level(NamedTuple):
-    """A level site frame."""
-
-    rig_file: RigFile  # The rig file with it
-    note: str
-    source: str  # Where transforms to it come from, in place of `RIG_FILE`
-
-    def told(self, found: Discovery) -> Discovery:
-        """What was found with its rig file, with the note and the source."""
-        sources = [replace(one, extrinsics=one.extrinsics.replace(RIG_FILE, self.source)) for one in found.sources]
-        return replace(found, sources=tuple(sources), notes=(*found.notes, self.note))
-
-
-def level_site(recording: Recording, config: Config, rig_file: RigFile | None, found: Discovery) -> Level | None:
-    """The level site frame for a recording, whose present one is a lidar's own and tilted; None if it is not.
+def on_level_site(
+    found: Discovery,
+    recording: Recording,
+    config: Config,
+    rig_file: RigFile | None,
+    discover: Callable[[RigFile], Discovery],
+) -> Discovery:
+    """The rig in a level site frame, discovered anew, if its site frame is a lidar's own and tilted; else the same.
 
     A site frame that the settings or the rig file name stays, and so does one that zones or the height of the ground
     are given in.
@@ -283,17 +276,19 @@ def level_site(recording: Recording, config: Config, rig_file: RigFile | None, f
     is_named = config.rig.site_frame or file.site_frame or rig.zones or rig.ground_height_m is not None
     level = f"{site}{SUFFIX}"
     if lidar is None or is_named or level in found.transforms.fixed.frames:
-        return None
+        return found
     up = _up(recording, rig, lidar, config)
     if up is None:
-        return None
+        return found
     edges = {**file.transforms.get(site, {}), level: Pose(rotation_xyzw=_turning_up_to(up))}
-    return Level(
-        file.model_copy(update={"site_frame": level, "transforms": {**file.transforms, site: edges}}),
+    again = discover(file.model_copy(update={"site_frame": level, "transforms": {**file.transforms, site: edges}}))
+    source = "ground" if rig_file is None else RIG_FILE
+    sources = (replace(one, extrinsics=one.extrinsics.replace(RIG_FILE, source)) for one in again.sources)
+    note = (
         f"{lidar.name}: the ground is tilted by {np.degrees(np.arccos(up[2])):.0f} degrees in its frame, so objects "
-        f"are in the level frame {level}; --set rig.site_frame={site} keeps them in its own",
-        "ground" if rig_file is None else RIG_FILE,
+        f"are in the level frame {level}; --set rig.site_frame={site} keeps them in its own"
     )
+    return replace(again, sources=tuple(sources), notes=(*again.notes, note))
 
 
 def _turning_up_to(up: F64) -> tuple[float, float, float, float]:

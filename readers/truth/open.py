@@ -1,8 +1,10 @@
 """Finding the truth about a result: in the result itself, in another recording, or in label files."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.rig import Rig
@@ -11,7 +13,7 @@ from lidcam.readers.files.pcap.packets import is_capture
 from lidcam.readers.location import Location
 from lidcam.readers.messages.tf import read_transforms
 from lidcam.readers.open import MCAP_MAGIC, ROSBAG1_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC, open_recording
-from lidcam.readers.recording import Closing, ReadOptions, Recording
+from lidcam.readers.recording import ReadOptions, Recording
 from lidcam.readers.results.attached_records import is_result
 from lidcam.readers.results.result import RESULT_TOPICS, Result
 from lidcam.readers.truth.kitti import KittiTruth, is_kitti_text
@@ -30,29 +32,17 @@ MAX_NAMED = 5
 _EXPECTED = "a recording, a result, or KITTI's labels (a .txt of label_2 or label_02, or the folder)"
 
 
-class OpenTruth(Closing):
-    """The truth about a result; `open_truth` opens it.
+class OpenTruth(NamedTuple):
+    """The truth about a result; `open_truth` opens it."""
 
-    Attributes:
-        source: The truth; None if there is none.
-        reason: Why there is none; empty if there is one.
-        poses: Recordings that may join the truth's frame with the site frame, the best first.
-    """
-
-    def __init__(
-        self, source: TruthSource | None, reason: str, poses: Sequence[Recording], own: Sequence[Recording] = ()
-    ) -> None:
-        self.source, self.reason, self.poses = source, reason, tuple(poses)
-        self._own = tuple(own)
-
-    def close(self) -> None:
-        """Close what was opened for the truth; the result stays open."""
-        for recording in self._own:
-            recording.close()
+    source: TruthSource | None  # None if there is none
+    reason: str  # Why there is none; empty if there is one
+    poses: tuple[Recording, ...]  # Recordings that may join the truth's frame with the site frame, the best first
 
 
-def open_truth(result: Result, paths: Sequence[Location] = (), *, topic: str = "") -> OpenTruth:
-    """Find the truth, to be used as a context manager.
+@contextmanager
+def open_truth(result: Result, paths: Sequence[Location] = (), *, topic: str = "") -> Iterator[OpenTruth]:
+    """Find the truth.
 
     Args:
         result: The open result.
@@ -64,26 +54,25 @@ def open_truth(result: Result, paths: Sequence[Location] = (), *, topic: str = "
         ConfigError: there is no such topic, or a vehicle of the rig's truth has no configured class.
         RecordingError: the truth cannot be read, or there is none at `paths`. A result without truth is no error.
     """
+    own = result.recording
     if len(paths) == 1 and isinstance(paths[0], Path) and not topic:
         labels = open_labels(paths[0], result.rig, result.config)
         if labels is not None:
-            return OpenTruth(labels, "", (result.recording,))
+            yield OpenTruth(labels, "", (own,))
+            return
     if not paths:
-        source = _recorded(result.recording, RESULT_TOPICS, result, topic)
+        source = _recorded(own, RESULT_TOPICS, result, topic)
         if isinstance(source, str):
-            return OpenTruth(None, f"{source}; give the recording that has it (--truth)", (result.recording,))
-        return OpenTruth(source, "", (result.recording,))
+            yield OpenTruth(None, f"{source}; give the recording that has it (--truth)", (own,))
+        else:
+            yield OpenTruth(source, "", (own,))
+        return
     results = RESULT_TOPICS if any(isinstance(path, Path) and is_result(path) for path in paths) else frozenset()
-    recording = open_recording(paths, ReadOptions(limits=result.config.limits))
-    try:
+    with open_recording(paths, ReadOptions(limits=result.config.limits)) as recording:
         source = _recorded(recording, results, result, topic)
-    except BaseException:
-        recording.close()
-        raise
-    if isinstance(source, str):
-        recording.close()
-        raise RecordingError(source)
-    return OpenTruth(source, "", (recording, result.recording), (recording,))
+        if isinstance(source, str):
+            raise RecordingError(source)
+        yield OpenTruth(source, "", (recording, own))
 
 
 def _recorded(recording: Recording, results: frozenset[str], result: Result, topic: str) -> TruthSource | str:

@@ -1,5 +1,6 @@
 """A level frame for a tilted lidar, from clouds of a known floor."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.rig.discovery import discover_rig
 from lidcam.readers.rig.schema import RigFile
-from lidcam.run.scene import level_site
+from lidcam.run.scene import on_level_site
 
 PERIOD_NS = 100_000_000
 
@@ -41,10 +42,11 @@ def level(messages: list[RawMessage], file: dict[str, Any] | None = None, **sect
     """(3, 3) rotation from the lidar to the level frame; None if there is none."""
     recording, config = MemoryRecording(messages), Config.model_validate(sections)
     rig = None if file is None else RigFile.model_validate(file)
-    found = level_site(recording, config, rig, discover_rig(recording, config, rig))
-    if found is None:
+    discover = partial(discover_rig, recording, config)
+    found = discover(rig)
+    told = on_level_site(found, recording, config, rig, discover)
+    if told is found:
         return None
-    told = found.told(discover_rig(recording, config, found.rig_file))
     assert told.sources[0].extrinsics == f"{'rig file' if rig else 'ground'}: lidar_level <- lidar"
     assert told.notes[-1].startswith("lidar: the ground is tilted by ")
     (lidar,) = told.rig.lidars
