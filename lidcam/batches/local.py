@@ -62,10 +62,8 @@ class Engine(ABC):
     def run(self, task: Task, *, keep_open: int | None) -> JobRecord:
         """Run a job to its end; called from the threads.
 
-        Args:
-            task: The job.
-            keep_open: A descriptor that its process holds while it lives, where it runs on this machine: a lock that
-                outlives this process.
+        Where its process runs on this machine, it holds the descriptor `keep_open` while it lives: a lock that outlives
+        this process.
         """
 
     @abstractmethod

@@ -40,16 +40,12 @@ STORE_BYTES = 100 << 20
 
 
 class RayEngine(Engine):
-    """Runs each job as a task of Ray.
+    """Runs each job as a task of Ray, with this many cores, at most `jobs` at once; None: as many as have room.
 
     This process waits for as many tasks as have room, and holds their locks. Ray retries a task if its node died or ran
     out of memory, never because of its recording: a record of a failed job is a result.
 
-    Args:
-        jobs: Jobs at once; None: as many as the nodes have room for.
-        cores: Cores of each job.
-        address: Address of the cluster; None starts Ray on this machine.
-        program: Arguments of Python for the process of a job.
+    `address` is that of the cluster; None starts Ray on this machine. `program` is as in `LocalEngine`.
 
     Raises:
         LidcamError: Ray is not installed, there is no cluster, or it has no room for a job.

@@ -53,8 +53,7 @@ def keep_index(records: Sequence[JobRecord], store: Store) -> bool:
         return False
     if known is not None and PAGE.encode() not in known[:4096]:
         return False
-    with store.held("", is_awaited=True):
-        store.files.put(INDEX, content)
+    store.keep_of_all(INDEX, content)
     return True
 
 
@@ -124,8 +123,9 @@ def run_batch(
             found[record.name] = record
             told(record)
     # What another batch had at work may be ready by now.
-    busy = {name: store.finished(name) for name, record in found.items() if record.state == "busy"}
-    return [busy.get(job.name) or found[job.name] for job in jobs]
+    busy = {name: store.record(name) for name, record in found.items() if record.state == "busy"}
+    ended = {name: record for name, record in busy.items() if record is not None and record.exit_code is not None}
+    return [ended.get(job.name, found[job.name]) for job in jobs]
 
 
 def _done(job: BatchJob, options: BatchOptions, store: Store, facts: Sequence[object], engine: Engine) -> JobRecord:
@@ -207,7 +207,7 @@ def process_batch(
     runs = RayEngine(jobs if address else at_once, cores, address) if engine == "ray" else LocalEngine(at_once)
     with watch(found) as told:
         records = run_batch(found, BatchOptions(out, job, endings), runs, told)
-    store.keep_table(records_table(records))
+    store.keep_of_all(TABLE, records_table(records))
     if not keep_index(records, store):
         logger.warning("%s/%s was not written by lidcam: it stays as it is", str(out).rstrip("/"), INDEX)
     return BatchResult(tuple(records), f"{str(out).rstrip('/')}/{TABLE}")

@@ -115,13 +115,9 @@ class LocalFiles:
 
 
 class Store:
-    """The folder of a batch. Methods raise OSError or OutputError where it cannot be used.
+    """The folder of a batch, with its `files`. Methods raise OSError or OutputError where it cannot be used.
 
-    Args:
-        out: The folder; a local one is made if it is missing.
-
-    Attributes:
-        files: The files in it.
+    A local one is made if it is missing.
 
     Raises:
         LidcamError: it cannot be used, or a library for it is not installed.
@@ -154,19 +150,14 @@ class Store:
             logger.warning("%s: its record in %s is damaged or of another version: it is processed again", job, RECORDS)
         return None
 
-    def finished(self, job: str) -> JobRecord | None:
-        """The record of a job that has ended; None where it has not."""
-        record = self.record(job)
-        return None if record is None or record.exit_code is None else record
-
     def keep(self, record: JobRecord) -> None:
         """Write the record of a job."""
         self.files.put(f"{RECORDS}/{record.name}.json", record_text(record))
 
-    def keep_table(self, content: bytes) -> None:
-        """Write the table of the batch; another batch that writes it is waited for."""
+    def keep_of_all(self, name: str, content: bytes) -> None:
+        """Write a file about all jobs; another batch that writes one is waited for."""
         with self.held("", is_awaited=True):
-            self.files.put(TABLE, content)
+            self.files.put(name, content)
 
     @contextmanager
     def held(self, job: str, *, is_awaited: bool = False) -> Iterator[int | None]:

@@ -76,15 +76,10 @@ def squared_distances(differences: F64, variances: F64) -> F64:
 
 
 def fit_ratios(squared: F64, variances: F64, area_px: F64) -> F64:
-    """Log likelihood ratios of the places of pairs: one object against two.
+    """(Q,) log likelihood ratios of the places of pairs: one object against two.
 
-    Args:
-        squared: (Q,) `squared_distances` of the 2D box from the projected 3D box.
-        variances: (Q, 4) of the features if both show one object.
-        area_px: (Q,) area of the image.
-
-    Returns:
-        (Q,)
+    From the `squared_distances` (Q,) of 2D boxes from projected 3D boxes, the variances (Q, 4) of the features if both
+    show one object, and the areas (Q,) of the images.
     """
     a, b, c, d = variances.T
     peak = _LOG_PEAK - 0.5 * np.log(a * b * c * d)
@@ -102,11 +97,8 @@ def class_agreement(classes: Sequence[ClassPrior], riders: frozenset[tuple[int, 
     """(K, K) log likelihood ratio of a 2D box of the column's class, against one of the right class, for each object.
 
     The less two classes are alike, the less a box of the one says of an object of the other. This falls faster than
-    `class_confusion`, by which boxes are matched: here, a car is not to be confirmed by a pedestrian.
-
-    Args:
-        classes: K classes.
-        riders: Pairs of a class that is ridden, and one that the detector may call its riders (`Detect2D.riders`).
+    `class_confusion`, by which boxes are matched: here, a car is not to be confirmed by a pedestrian. `riders` are
+    pairs of a class that is ridden, and one that the detector may call its riders (`Detect2D.riders`).
     """
     agreement = -class_distances(classes) / ALIKE**2
     for ridden, person in riders:

@@ -129,14 +129,10 @@ class CameraModel:
         return pixels.reshape(*points.shape[:-1], 2), valid.reshape(points.shape[:-1])
 
     def project_boxes(self, corners_camera: F64) -> F32:
-        """Smallest upright rectangles around projected boxes, clipped to the image.
+        """(N, 4) smallest upright rectangles around projected boxes, clipped to the image; NaN for a box outside of it.
 
-        Args:
-            corners_camera: (N, 8, 3) corners in the order of `geometry.box_corners`, metres in the optical frame.
-
-        Returns:
-            (N, 4) left, top, right, bottom in pixels; NaN if no part of the box is in the image. Boxes that reach
-            behind the camera are cut at `NEAR_M` first.
+        Left, top, right, bottom in pixels. Boxes have corners (N, 8, 3) in the order of `geometry.box_corners`, metres
+        in the optical frame; those that reach behind the camera are cut at `NEAR_M` first.
         """
         found = np.full((len(corners_camera), 4), np.nan, np.float32)
         sizes = np.array([self.width_px, self.height_px], np.float64)

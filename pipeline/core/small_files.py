@@ -16,9 +16,7 @@ from lidcam.pipeline.core.system import NO_WAIT
 def open_regular(path: Path, flags: int = 0) -> Iterator[BufferedReader]:
     """Open a regular file to read. Neither waits for a FIFO nor reads from a device that has no end.
 
-    Args:
-        path: The file.
-        flags: More flags of open(2), for instance `NO_FOLLOW`.
+    `flags` are further ones of open(2), for instance `NO_FOLLOW`.
 
     Raises:
         OSError: it cannot be opened, or is no regular file.

@@ -37,12 +37,8 @@ def check_writable_here() -> None:
 def lock_file(file: IO[bytes], *, is_awaited: bool = False) -> None:
     """Hold the lock of an open file as long as it is open (flock: gone with the process).
 
-    Args:
-        file: The file.
-        is_awaited: Whether to wait for another process that has it.
-
     Raises:
-        BlockingIOError: another one has it.
+        BlockingIOError: another process has it, and is not awaited.
         OSError: the file system has no locks.
         OutputError: the system has none.
     """

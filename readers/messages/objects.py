@@ -80,16 +80,11 @@ def found_objects(
     labels: Sequence[str | None],
     classes: ObjectClasses,
 ) -> FoundObjects:
-    """The objects that can be used; of the others, how many cannot, and why.
+    """The objects of a message that can be used; of the others, how many cannot, and why.
 
-    Args:
-        stamp_ns: Stamp of the message.
-        frame_id: As recorded.
-        numbers: (N, 10) position x, y, z; orientation x, y, z, w, of any length; size x, y, z.
-        covariances: (N, 36) of the pose, as in geometry_msgs/PoseWithCovariance.
-        scores: (N,) clipped to [0, 1].
-        labels: (N,) class of each; None where it has none.
-        classes: The configured classes.
+    `numbers` (N, 10) are position x, y, z, orientation x, y, z, w of any length, and size x, y, z; `covariances` (N,
+    36) those of geometry_msgs/PoseWithCovariance. Scores (N,) are clipped to [0, 1]; a label is None where there is no
+    class.
     """
     is_solid, is_turned = _is_solid(numbers), _is_turned(numbers[:, 3:7])
     kept: list[int] = []

@@ -66,15 +66,10 @@ _NS_PER_S = 1_000_000_000
 
 
 def point_time_offsets(fields: Mapping[str, Array], stamp_ns: int, *, topic: str) -> I32 | None:
-    """Time of each point minus `stamp_ns` in nanoseconds, (N,).
+    """(N,) time of each point minus the header stamp `stamp_ns`, nanoseconds; None if there is no usable field.
 
-    Args:
-        fields: Array (N,) by field name in lower case; fields not in `TIME_FIELDS` are ignored.
-        stamp_ns: The message's header stamp.
-        topic: Named in the log, once, if a time field is not plausible.
-
-    Returns:
-        None if there is no usable field.
+    `fields` has arrays (N,) by name in lower case, of which those in `TIME_FIELDS` count. The log names, once,
+    the `topic` whose times are not plausible.
     """
     for name in TIME_FIELDS:
         values = fields.get(name)

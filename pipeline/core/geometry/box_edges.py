@@ -34,17 +34,10 @@ def edges_ahead(corners_camera: F64, near_m: float) -> tuple[F64, F64, Bools]:
 
 
 def sample_by_angle(start: F64, end: F64, count: int) -> F64:
-    """Points on lines, evenly spaced in the angle under which the origin sees them.
+    """(..., count, 3) points on lines, evenly spaced in the angle under which the origin sees them, both ends included.
 
-    So a line that passes close by the camera has its samples where the image shows it.
-
-    Args:
-        start: (..., 3) one end of each line, metres from the origin; not the origin itself.
-        end: (..., 3) the other end.
-        count: Samples per line, both ends included.
-
-    Returns:
-        (..., count, 3) metres.
+    So a line that passes close by the camera has its samples where the image shows it. Its ends (..., 3) are metres
+    from the origin, and not the origin itself.
     """
     r0, r1 = np.sqrt((start * start).sum(-1)), np.sqrt((end * end).sum(-1))
     cosine = (start * end).sum(-1) / (r0 * r1)
@@ -58,16 +51,12 @@ def sample_by_angle(start: F64, end: F64, count: int) -> F64:
 
 
 def clip_segments(segments: F64, limits: F64) -> tuple[F64, Bools]:
-    """Segments clipped to rectangles from (0, 0) to their widths and heights.
+    """Segments clipped to rectangles from (0, 0) to their widths and heights, `limits` (2,) of all or (N, 2) of each.
 
     After Liang and Barsky, "A new concept and method for line clipping", ACM TOG 3(1), 1984.
 
-    Args:
-        segments: (N, 2, 2) both ends, x and y.
-        limits: (2,) width and height of the rectangle, or (N, 2) of that of each segment.
-
     Returns:
-        (N, 2, 2) the parts inside; (N,) whether there is one, else the row is meaningless.
+        (N, 2, 2) the parts inside, both ends, x and y; (N,) whether there is one, else the row is meaningless.
     """
     start, way = segments[:, 0], segments[:, 1] - segments[:, 0]
     moves = way != 0

@@ -28,7 +28,7 @@ def rotations_2d(yaws: F64) -> F64:
 
 
 def box_corners(centers: F64, sizes: F64, yaws: F64) -> F64:
-    """The corners of N boxes, (N, 8, 3) metres in the frame of the boxes.
+    """The corners (N, 8, 3) of boxes by their centres (N, 3), sizes (N, 3) and yaws (N,) about +z, metres.
 
         4 ------ 5        corners 0-3 are the bottom, counter-clockwise from front left seen from above:
        /|       /|        0 (+l, +w), 1 (-l, +w), 2 (-l, -w), 3 (+l, -w); 4-7 are above 0-3.
@@ -37,10 +37,7 @@ def box_corners(centers: F64, sizes: F64, yaws: F64) -> F64:
       |/       |/
       3 ------ 2
 
-    Args:
-        centers: (N, 3) box centres.
-        sizes: (N, 3) length, width, height.
-        yaws: (N,) about +z.
+    Sizes are length, width, height.
     """
     local = UNIT_CORNERS / 2 * sizes[:, None]
     cos, sin = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
@@ -57,14 +54,10 @@ def iou_xyxy(first: Array, second: Array) -> F64:
 
 
 def pair_overlaps_xyxy(first: Array, second: Array) -> tuple[F64, F64]:
-    """Intersection over union of upright rectangles, plain and generalised, of each pair.
+    """Intersection over union, plain and generalised, of pairs of rectangles (..., 4): left, top, right, bottom.
 
     The generalised one (Rezatofighi et al., "Generalized Intersection over Union", CVPR 2019) is the plain one less the
     share of the smallest rectangle around both that neither fills: it tells near misses from far ones.
-
-    Args:
-        first: (..., 4) left, top, right, bottom.
-        second: (..., 4)
 
     Returns:
         (...) in [0, 1], 0 if a rectangle is empty, inverted or not finite; (...) in [-1, 1], then -1.

@@ -15,11 +15,9 @@ BLOCK_BOXES = 256
 
 
 def without_overlaps(boxes: OrientedBoxes, groups: Indices | None = None) -> Indices:
-    """Rows of the boxes that share little ground with any box kept before them.
+    """Rows of the boxes, the better ones first, that share little ground with any box kept before them.
 
-    Args:
-        boxes: The better ones first.
-        groups: (N,) what each box belongs to; only boxes of different groups are compared. None: all with all.
+    With `groups` (N,), what each box belongs to, only boxes of different groups are compared.
     """
     kept = np.ones(len(boxes.yaws), np.bool_)
     for first, second in _rivals(boxes):

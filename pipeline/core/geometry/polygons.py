@@ -8,14 +8,9 @@ from lidcam.pipeline.core.arrays import F64, I64
 
 
 def first_polygon_with(polygons: Sequence[F64], points: F64) -> I64:
-    """The first polygon that contains each point; points on an edge are inside.
+    """(N,) row of the first polygon that contains each point (N, 2), -1 if none does; points on an edge are inside.
 
-    Args:
-        polygons: Each (K, 2) corners in either direction; may be concave.
-        points: (N, 2) in the same plane.
-
-    Returns:
-        (N,) row in `polygons`, -1 if none contains the point.
+    Polygons have corners (K, 2) in either direction, and may be concave.
     """
     rows = np.full(len(points), -1, np.int64)
     for row, polygon in reversed(list(enumerate(polygons))):

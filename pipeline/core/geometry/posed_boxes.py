@@ -48,16 +48,12 @@ class UprightBoxes(NamedTuple):
 
 
 def upright_boxes(boxes: PosedBoxes, T_site_frame: F64) -> UprightBoxes:
-    """Boxes of a frame as boxes of the site whose height is vertical.
+    """Boxes of a frame as boxes of the site whose height is vertical; `T_site_frame` is (4, 4).
 
     The axis of a box that is nearest to the vertical becomes its height: its own z, or another one where the frame's z
     does not point up, as that of a camera. Of the other two the first is its length (x before y before z), and the
     length's direction on the ground is the heading. The box keeps its size: a tilt is taken for that of the sensor or
     the road.
-
-    Args:
-        boxes: In the frame.
-        T_site_frame: (4, 4).
     """
     rotation, rows = T_site_frame[:3, :3], np.arange(len(boxes))
     # einsum and not BLAS: the result must not depend on the number of boxes or the machine.

@@ -8,16 +8,10 @@ from lidcam.pipeline.native import kernels
 
 
 def points_in_footprints(xyz: F32, centers_xy: F64, sizes_xy: F64, yaws: F64) -> tuple[I64, I64]:
-    """Which points lie in which of B rectangles, seen from above; borders belong to them.
+    """Which points (N, 3) lie in which of B rectangles, seen from above; borders belong to them.
 
-    Args:
-        xyz: (N, 3) metres, of which x and y count.
-        centers_xy: (B, 2) metres.
-        sizes_xy: (B, 2) length and width, metres.
-        yaws: (B,) of the length, about +z.
-
-    Returns:
-        As `points_in_regions`.
+    Rectangles have centres and lengths and widths (B, 2), metres, and yaws (B,) about +z. Returns as
+    `points_in_regions`.
     """
     axes, half = rotations_2d(yaws).swapaxes(1, 2), sizes_xy / 2
     place = (axes * centers_xy[:, None]).sum(2)
@@ -28,11 +22,9 @@ def points_in_footprints(xyz: F32, centers_xy: F64, sizes_xy: F64, yaws: F64) ->
 
 
 def points_in_regions(xyz: F32, planes: F64) -> tuple[I64, I64]:
-    """Which points lie in which of R convex regions.
+    """Which points (N, 3) lie in which of R convex regions.
 
-    Args:
-        xyz: (N, 3) metres.
-        planes: (R, K, 4) a, b, c, d of the planes around each region: within is where a x + b y + c z + d >= 0.
+    `planes` (R, K, 4) are a, b, c, d of those around each region: within is where a x + b y + c z + d >= 0.
 
     Returns:
         (P,) rows of the points, sorted by region and then by row, and (P,) the region of each; a point that lies in

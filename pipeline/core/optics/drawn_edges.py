@@ -17,12 +17,9 @@ MAX_BEND_PX = 0.5
 
 
 def draw_edges(models: Sequence[CameraModel], corners_camera: F64, cameras: Indices) -> tuple[F32, Indices]:
-    """The edges of boxes, each in the image of one camera.
+    """The edges of boxes, each in the image of one of the `cameras` (N,), rows of `models`.
 
-    Args:
-        models: The cameras.
-        corners_camera: (N, 8, 3) corners in the order of `geometry.box_corners`, metres in the optical frame.
-        cameras: (N,) the camera of each box, a row of `models`.
+    Boxes have corners (N, 8, 3) in the order of `geometry.box_corners`, metres in the optical frame.
 
     Returns:
         (M, 2, 2) straight pieces, both ends in pixels, box after box; (M,) row of the box of each piece.

@@ -75,14 +75,9 @@ class Lenses(CheckedTable):
         return rays_of_pixels(np.ascontiguousarray(pixels), *self.arrays)
 
     def rectangles_of_boxes(self, corners_camera: F64, image_sizes: F64) -> F64:
-        """`CameraModel.project_boxes`, each box by its own camera.
+        """(P, 4) `CameraModel.project_boxes` of corners (P, 8, 3), each box by its own camera.
 
-        Args:
-            corners_camera: (P, 8, 3) corners in the order of `geometry.box_corners`, metres in the optical frames.
-            image_sizes: (P, 2) width and height of the images, pixels.
-
-        Returns:
-            (P, 4) left, top, right, bottom in pixels; NaN where nothing of a box is in the image.
+        `image_sizes` (P, 2) are width and height of the images, pixels.
         """
         samples, is_ahead = edge_samples(corners_camera, NEAR_M)
         pixels, valid = self.project(samples)

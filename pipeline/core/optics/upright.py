@@ -21,8 +21,7 @@ TURNS = np.array([[_X, _Y, _Z], [_Y, -_X, _Z], [-_X, -_Y, _Z], [-_Y, _X, _Z]])
 def quarter_turns(rotations: F64) -> I64:
     """(P,) counterclockwise quarter turns, 0 to 3, after which an image is upright.
 
-    Args:
-        rotations: (P, 3, 3) site to optical frame; z is up in the site.
+    `rotations` (P, 3, 3) lead from the site, where z is up, to the optical frame.
     """
     right, down = rotations[:, 0, 2], rotations[:, 1, 2]
     turns = np.rint(np.arctan2(right, -down) / (np.pi / 2)).astype(np.int64) % 4
@@ -30,12 +29,9 @@ def quarter_turns(rotations: F64) -> I64:
 
 
 def turned(xyxy: F64, quarters: I64, sizes_px: F64) -> F64:
-    """Boxes in images that are turned counterclockwise, as by `numpy.rot90`.
+    """Boxes (P, 4) in images that are turned counterclockwise, as by `numpy.rot90`, by quarters (P,) of 0 to 3 turns.
 
-    Args:
-        xyxy: (P, 4) left, top, right, bottom, pixels of the image before.
-        quarters: (P,) number of quarter turns, 0 to 3.
-        sizes_px: (P, 2) width and height of the image before.
+    `sizes_px` (P, 2) are width and height of the image before, in whose pixels left, top, right and bottom are given.
     """
     from_px = np.concatenate([sizes_px, sizes_px], 1)
     order = (np.arange(4) + quarters[:, None]) % 4

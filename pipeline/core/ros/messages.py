@@ -22,11 +22,9 @@ _NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
 
 
 class RosMessages:
-    """Builds the messages of one ROS version.
+    """Builds the messages of one ROS version: 1 for Noetic, 2 for Humble.
 
-    Args:
-        ros_version: 1 for Noetic, 2 for Humble.
-        start_ns: Added to every stamp: the origin of the methods' stamps, in ns since 1970.
+    `start_ns` is added to every stamp: the origin of the methods' stamps, in ns since 1970.
     """
 
     def __init__(self, ros_version: RosVersion, start_ns: int = 0) -> None:
@@ -44,10 +42,7 @@ class RosMessages:
     def rows(self, msgtype: str, count: int, **columns: Any) -> list[Any]:
         """Messages of one type, from columns by the name of the field; zero or empty where left out.
 
-        Args:
-            msgtype: Their type.
-            count: Their number, N.
-            **columns: A list or an array (N,), (N, K) of arrays; anything else is the value of all messages.
+        A column is a list or an array (N,), (N, K) of arrays, of N = `count` values; anything else is the value of all.
 
         Raises:
             LookupError: there is no such field.
@@ -153,16 +148,8 @@ class RosMessages:
     ) -> Any:
         """sensor_msgs/CameraInfo without region of interest or binning.
 
-        Args:
-            stamp_ns: Stamp of the image.
-            frame_id: Optical frame.
-            width: Width of the image, pixels.
-            height: Height of the image, pixels.
-            distortion_model: The name that ROS uses.
-            d: (K,) float64 distortion coefficients.
-            k: (9,) float64 camera matrix, row by row.
-            r: (9,) float64 rectification; no rotation by default.
-            p: (12,) float64 projection; [K | 0] by default, for images that are not rectified.
+        Coefficients `d` (K,) and, row by row, matrices `k` (9,), `r` (9,) and `p` (12,) are float64. Without `r` there
+        is no rectification; without `p` it is [K | 0], for images that are not rectified.
         """
         matrices = {
             "d": d,

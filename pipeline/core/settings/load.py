@@ -35,11 +35,7 @@ def load_config(
 
 
 def set_values(tree: dict[str, Any], settings: Mapping[str, object] | Sequence[str]) -> None:
-    """Put single settings into a tree of them.
-
-    Args:
-        tree: Changed in place.
-        settings: `{"a.b": value}`, or `["a.b=value"]` whose values are YAML.
+    """Put single settings, `{"a.b": value}` or `["a.b=value"]` with values in YAML, into a tree of them, in place.
 
     Raises:
         ConfigError: a setting does not have this form, or leads through a value.

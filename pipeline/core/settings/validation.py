@@ -66,16 +66,10 @@ def keys_of(model: type[BaseModel]) -> Iterator[str]:
 
 
 def checked(model: type[M], tree: Mapping[str, Any], source: object, error: type[LidcamError] = ConfigError) -> M:
-    """The settings in a tree.
-
-    Args:
-        model: Model of the settings.
-        tree: Their values.
-        source: Source of the values for messages: a file, or `settings`.
-        error: Class of the error.
+    """The settings in a tree; `source` names it in messages: a file, or `settings`.
 
     Raises:
-        LidcamError: a key is unknown or missing, or a value does not fit; the first of them, and how many more.
+        LidcamError: (`error`) a key is unknown or missing, or a value does not fit; the first, and how many more.
     """
     try:
         return model.model_validate(tree)

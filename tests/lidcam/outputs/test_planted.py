@@ -171,7 +171,7 @@ def test_a_batch_writes_and_reads_nothing_elsewhere(
         try:
             jobs = find_jobs([str(tmp_path / "logs")], out)
             b, a = run_batch(jobs, BatchOptions(out, Job(())), Written(), lambda _: None)
-            Store(out).keep_table(records_table([a, b]))
+            Store(out).keep_of_all(TABLE, records_table([a, b]))
             outcomes[kind] = f"{a.state} {b.state}{a.message}"
         except OutputError as err:
             outcomes[kind] = str(err)
