@@ -86,7 +86,9 @@ def found_objects(
     36) those of geometry_msgs/PoseWithCovariance. Scores (N,) are clipped to [0, 1]; a label is None where there is no
     class.
     """
-    is_solid, is_turned = _is_solid(numbers), _is_turned(numbers[:, 3:7])
+    sizes, largest = numbers[:, 7:], np.abs(numbers[:, 3:7]).max(1, initial=0.0)
+    is_solid = np.all(np.hstack([np.abs(numbers[:, :3]) <= MAX_M, sizes > 0, sizes <= MAX_M]), axis=1)
+    is_turned = (largest > 1e-6) & (largest < 1e6)  # can be brought to unit length
     kept: list[int] = []
     class_ids: list[int] = []
     unused = Counter[str]()
@@ -114,19 +116,6 @@ def found_objects(
         np.array(class_ids, np.int32),
         dict(sorted(unused.items())),
     )
-
-
-def _is_solid(numbers: F64) -> Bools:
-    """(N,) whether centre and size are finite and the size has a volume."""
-    sizes = numbers[:, 7:]
-    is_placed = (np.isfinite(numbers[:, :3]) & (np.abs(numbers[:, :3]) <= MAX_M)).all(1)
-    return np.asarray(is_placed & (np.isfinite(sizes) & (sizes > 0) & (sizes <= MAX_M)).all(1))
-
-
-def _is_turned(quaternions: F64) -> Bools:
-    """(N,) whether quaternions are finite and can be brought to unit length."""
-    largest = np.abs(quaternions).max(1, initial=0.0)
-    return np.asarray(np.isfinite(quaternions).all(1) & (largest > 1e-6) & (largest < 1e6))
 
 
 DETECTED_OBJECTS = frozenset(

@@ -81,7 +81,8 @@ def to_ros2(
     recorded = deserialize(message, limits=limits)
     if channel.msgtype in VISION_ARRAYS:
         converted = _vision_message(recorded, channel.msgtype, name_of)
-        return message._replace(channel=_of_vision(channel), data=ROS2.serialize(converted))
+        in_ros2 = _as_cdr(channel, channel.msgtype, ROS2.definition(channel.msgtype))
+        return message._replace(channel=in_ros2, data=ROS2.serialize(converted))
     store, in_ros2, fits = _in_ros2(channel)
     if fits:
         return message._replace(channel=in_ros2, data=store.serialize_cdr(recorded, in_ros2.msgtype))
@@ -92,9 +93,10 @@ def to_ros2(
 
 
 @lru_cache(maxsize=1024)
-def _of_vision(channel: Channel) -> Channel:
-    definition = ROS2.definition(channel.msgtype)
-    return replace(channel, encoding="cdr", definition=definition, definition_format="ros2msg", digest="")
+def _as_cdr(channel: Channel, msgtype: str, definition: str) -> Channel:
+    return replace(
+        channel, msgtype=msgtype, encoding="cdr", definition=definition, definition_format="ros2msg", digest=""
+    )
 
 
 @lru_cache(maxsize=1024)
@@ -127,9 +129,7 @@ def _in_ros2(channel: Channel) -> tuple[Typestore, Channel, bool]:
     store = get_typestore(Stores.EMPTY)
     store.register({name: definition for name, definition in types.items() if name not in store.fielddefs})
     definition, _ = store.generate_msgdef(msgtype, ros_version=2)
-    in_ros2 = replace(
-        channel, msgtype=msgtype, encoding="cdr", definition=definition, definition_format="ros2msg", digest=""
-    )
+    in_ros2 = _as_cdr(channel, msgtype, definition)
     fits = msgtype == channel.msgtype and all(
         name in recorded and field in recorded[name][1] for name in types for field in store.fielddefs[name][1]
     )
