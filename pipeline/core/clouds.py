@@ -23,7 +23,7 @@ class PointCloud(Table):
         ring: (N,) uint16 laser index; zeros where the sensor reports none.
         time_offset_ns: (N,) int32, time of each point minus `stamp_ns`; zeros where the sensor reports none.
         has_time: Whether `time_offset_ns` was measured.
-        nan_dropped: Number of points removed because a coordinate was not finite.
+        nan_dropped: Number of points removed because a coordinate was NaN or out of range.
         return_type: (N,) uint8, echo of its beam that each point is: 1 strongest, 2 last, 3 both, 0 unknown; None if
             the driver does not report it.
     """

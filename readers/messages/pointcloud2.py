@@ -59,6 +59,9 @@ TIME_FIELDS = (
 MAX_OFFSET_NS = 2_000_000_000
 """No sweep lasts longer; int32 nanoseconds end at 2.147 s."""
 
+MAX_M = 1e8
+"""Largest coordinate, metres: some drivers write points without a return as infinite or 3.4e38."""
+
 MIN_SWEEP_NS = 5_000_000
 """Shortest sweep by which the unit of times is recognised: 200 turns a second."""
 
@@ -137,13 +140,13 @@ _DTYPES = {number: dtype for dtype, number in POINT_FIELD_DATATYPES.items()} | {
 def decode_pointcloud2(
     message: RawMessage, *, limits: RecordingLimits = DEFAULT_LIMITS, others: int = 0, calibrated: bool = True
 ) -> PointCloud:
-    """The points of a message in recorded order (organised clouds row by row), without points that are not finite.
+    """The points of a message in recorded order (organised clouds row by row), without points that have no place.
 
     Coordinates become float32 metres: steps of 8 micrometres at 100 m, but of half a metre at 5 000 km (clouds in UTM
     coordinates).
 
     Returns:
-        The cloud at the message's stamp. Points with a coordinate that is not finite in float32 are removed and counted
+        The cloud at the message's stamp. Points with a coordinate that is NaN or beyond `MAX_M` are removed and counted
         in `nan_dropped`. Intensities that are not finite are 0, as where there are none; `calibrated` ones are those of
         `CALIBRATED_FIELD` where they are known, else nodes hand on the others. Rings are clipped to 0 to 65535.
     """
@@ -175,7 +178,7 @@ def cloud_of_columns(
 ) -> PointCloud:
     """The cloud of a message from columns (height, width) by name in lower case; other names are ignored."""
     count = columns["x"].size
-    xyz, keep = _finite_points([columns.pop(axis) for axis in "xyz"])
+    xyz, keep = _placed_points([columns.pop(axis) for axis in "xyz"])
     fields = {name: column.reshape(-1)[keep] for name, column in columns.items()}
     intensity = next((fields[name] for name in INTENSITY_FIELDS if name in fields), None)
     reflectivity = fields.get(CALIBRATED_FIELD) if calibrated else None
@@ -236,17 +239,17 @@ def _columns(cloud: Any, height: int, width: int, topic: str) -> dict[str, Array
     return columns
 
 
-def _finite_points(axes: list[Array]) -> tuple[F32, slice | Bools]:
-    """Finite points (N, 3) of three columns (height, width), and their rows in the flattened columns."""
+def _placed_points(axes: list[Array]) -> tuple[F32, slice | Bools]:
+    """Points (N, 3) within `MAX_M` of three columns (height, width), and their rows in the flattened columns."""
     grid = np.empty((*axes[0].shape, 3), np.float32)
     with np.errstate(over="ignore", invalid="ignore"):  # float64 beyond float32 becomes infinite
         for index, axis in enumerate(axes):
             grid[..., index] = axis
     xyz = grid.reshape(-1, 3)
-    finite = np.isfinite(xyz)
-    if finite.all():
+    placed = np.abs(xyz) <= MAX_M
+    if placed.all():
         return xyz, slice(None)
-    keep = finite[:, 0] & finite[:, 1] & finite[:, 2]
+    keep = placed[:, 0] & placed[:, 1] & placed[:, 2]
     return xyz[keep], keep
 
 

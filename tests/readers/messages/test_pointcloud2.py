@@ -113,8 +113,8 @@ def test_no_points_and_no_finite_ones() -> None:
 # --- points without a place
 
 
-@pytest.mark.parametrize(("hole", "axis"), [(np.nan, 0), (np.inf, 1), (-np.inf, 2)])
-def test_points_that_are_not_finite_are_dropped_with_all_their_fields(hole: float, axis: int) -> None:
+@pytest.mark.parametrize(("hole", "axis"), [(np.nan, 0), (np.inf, 1), (-np.inf, 2), (1e38, 0)])
+def test_points_without_a_place_are_dropped_with_all_their_fields(hole: float, axis: int) -> None:
     xyz = XYZ.copy()
     xyz[1, axis] = hole
     cloud = decode(
