@@ -1,8 +1,13 @@
-"""The first message of each topic that can be decoded, which has the sensor's frame and the size of its images."""
+"""The first message of each topic that can be decoded, which has the sensor's frame and the size of its images.
+
+Of CameraInfo it is the first with a calibration: drivers send empty ones until theirs is loaded.
+"""
 
 from collections.abc import Collection
 from dataclasses import replace
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import MessageError
@@ -19,6 +24,7 @@ from lidcam.readers.messages.tf import clean_frame
 from lidcam.readers.ouster.decoder import decode_ouster
 from lidcam.readers.ouster.packets import SWEEP
 from lidcam.readers.recording import Recording
+from lidcam.readers.rig.sensor_topics import CAMERA_INFO
 from lidcam.readers.velodyne.decoder import VelodyneDecoders
 from lidcam.readers.velodyne.scan import SCAN
 from lidcam.readers.video.packets import VIDEO, read_packet
@@ -107,6 +113,7 @@ class FirstMessages:
 
     def _read(self, topic: str, msgtypes: Collection[str]) -> _First | MessageError:
         fault: MessageError | None = None
+        empty: _First | None = None
         tried = 0
         for message in self._recording.messages([topic]):
             if message.channel.msgtype not in msgtypes:
@@ -119,11 +126,16 @@ class FirstMessages:
                     decode_ouster(message, limits=self._limits)
                 if message.channel.msgtype in VIDEO:
                     read_packet(message)
-                return _first_of(message, self._limits)
+                found = _first_of(message, self._limits)
+                if msgtypes != CAMERA_INFO or any(np.any(getattr(found.content, name, 0)) for name in "kpKP"):
+                    return found
+                empty = empty or found
             except MessageError as err:
                 fault = fault or err
             if tried == MAX_TRIES:
                 break
+        if empty:
+            return empty
         reason = str(fault or "it has none").removeprefix(f"{topic}: ")
         return MessageError(f"{topic}: none of its first {tried} messages can be decoded: {reason}")
 

@@ -350,6 +350,13 @@ def test_camera_faults_leave_a_rig_of_lidars(calibration: list[RawMessage], edge
     assert reason in reasons(found)["c"]
 
 
+def test_the_first_camera_info_with_a_calibration_counts() -> None:
+    """Drivers send empty ones until theirs is loaded."""
+    empty = info("/c/camera_info", "cam", K=np.zeros((3, 3)))
+    found = rig_with(image_message("/c/image_raw", "cam"), empty, empty, info("/c/camera_info", "cam"))
+    np.testing.assert_array_equal(found.rig.cameras[0].model.K, K)
+
+
 def test_p_is_used_where_k_is_of_another_image() -> None:
     of_sensor = info("/c/camera_info", "cam", K=np.add(K, [[0, 0, 6], [0, 0, 4], [0, 0, 0]]), P=np.c_[K, [1, 2, 3]])
     found = rig_with(image_message("/c/image_raw", "cam"), of_sensor)
