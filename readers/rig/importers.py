@@ -164,14 +164,17 @@ def import_camera_info(tree: Mapping[str, Any], path: Path) -> RigFile | None:
     """The lens of a file of ROS's camera_calibration (`ost.yaml`), which is a CameraInfo; None for another form.
 
     The topic of the images says whether they are raw (K and D) or rectified (R and P), as with a recorded CameraInfo.
+    The file of OpenCV's calibration sample has the same keys, but no R and P.
     Source: http://wiki.ros.org/camera_calibration_parsers. `narrow_stereo/left` becomes `narrow_stereo_left`.
     """
     if not {"image_width", "image_height", "camera_matrix"} <= set(tree):
         return None
+    tree = {"rectification_matrix": {"data": np.eye(3)}, "projection_matrix": {"data": np.zeros(12)}} | dict(tree)
     data = {key: value.get("data") for key, value in tree.items() if isinstance(value, Mapping)}
     coefficients = data.get("distortion_coefficients") or []
+    usual_model = "fisheye" if tree.get("fisheye_model") else "plumb_bob"
     info = {
-        "distortion_model": str(tree.get("distortion_model", "")),
+        "distortion_model": str(tree.get("distortion_model", usual_model)),
         "d": flat(shaped(path, "distortion_coefficients", coefficients, (1, np.size(coefficients)))),
         "k": flat(shaped(path, "camera_matrix", data.get("camera_matrix"), (3, 3))),
         "r": flat(shaped(path, "rectification_matrix", data.get("rectification_matrix"), (3, 3))),

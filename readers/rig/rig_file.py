@@ -1,5 +1,6 @@
 """Rig files: read in every form that lidcam knows, and their text."""
 
+import re
 from collections.abc import Mapping, Sequence
 from functools import reduce
 from pathlib import Path
@@ -17,12 +18,22 @@ from lidcam.readers.messages.tf import clean_frame
 from lidcam.readers.rig.schema import POSE, RigFile, parse_rig
 from lidcam.readers.rig.topic_names import transport_free
 
+UNREAD = {
+    r"\s*<": ("XML, as a URDF is", "write the origins of its joints as `transforms` in a rig file"),
+    r'\s*\[\s*\{[^}]*"sensor_token"': (
+        "nuScenes' calibrated_sensor.json",
+        "write camera_intrinsic as K, translation as translation_m and rotation (w x y z) as rotation_xyzw (x y z w) "
+        "of each sensor in a rig file",
+    ),
+}
+"""Names of common forms of calibration that are not read, and what to do, by the beginning of the text."""
+
 
 def load_rig(path: str | Path) -> RigFile:
     """A rig file of lidcam, or a calibration file of another system; the content says which.
 
-    Known are the files of KITTI, Kalibr's camchain, Autoware's sensors_calibration and sensor_kit_calibration, and the
-    `ost.yaml` of ROS's camera_calibration.
+    Known are the files of KITTI, Kalibr's camchain, Autoware's sensors_calibration and sensor_kit_calibration, the
+    `ost.yaml` of ROS's camera_calibration, and that of OpenCV's calibration sample.
 
     Raises:
         CalibrationError: the file cannot be read, or its content does not fit; names the file and the key.
@@ -35,10 +46,16 @@ def load_rig(path: str | Path) -> RigFile:
     text = read_small_text(path, MAX_YAML_BYTES, "a rig file", CalibrationError)
     if rig := import_kitti(text, path):
         return rig
-    tree = yaml_mapping(text, path)
+    for form, (found, remedy) in UNREAD.items():
+        if re.match(form, text):
+            raise CalibrationError(f"{path}: expected a rig file (docs/rig.md), found {found}: {remedy}")
+    tree = yaml_mapping(text.removeprefix("%YAML:1.0"), path)  # OpenCV's spelling of a directive
     for import_tree in (import_kalibr, import_autoware, import_camera_info):
         if rig := import_tree(tree, path):
             return rig
+    if "!!opencv-matrix" in text:
+        keys = ", ".join(map(str, tree))
+        raise CalibrationError(f"{path}: expected image_width, image_height and camera_matrix of OpenCV, found {keys}")
     return parse_rig(tree, path)
 
 

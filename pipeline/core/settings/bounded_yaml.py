@@ -43,6 +43,12 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+_Loader.add_constructor(
+    "tag:yaml.org,2002:opencv-matrix",
+    lambda loader, node: loader.construct_mapping(node, deep=True),  # type: ignore[arg-type]  # a mapping
+)
+
+
 def parse_yaml(text: str | bytes) -> Any:
     """The value that `yaml.safe_load` returns, of a text within the bounds.
 

@@ -1,6 +1,7 @@
 """Calibration files of ROS, KITTI, Kalibr and Autoware, judged by other libraries or numbers than ours."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -240,6 +241,28 @@ def test_a_file_of_camera_calibration_has_both_lenses(tmp_path: Path, topic: str
     assert any("the calibration is scaled" in note for note in found.notes) == (share != 1)
 
 
+@pytest.mark.parametrize("directive", ["%YAML:1.0", "%YAML 1.2"])
+@pytest.mark.parametrize(
+    ("count", "fisheye", "model"), [(5, 0, "plumb_bob"), (8, 0, "rational_polynomial"), (4, 1, "equidistant")]
+)
+def test_a_file_of_opencvs_sample(tmp_path: Path, directive: str, count: int, fisheye: int, model: str) -> None:
+    path, distortion = tmp_path / "camera.yml", np.linspace(0.1, 0.2, count)
+    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for key, value in (("image_width", 752), ("image_height", 480), ("fisheye_model", fisheye)):
+        file.write(key, value)
+    file.write("camera_matrix", matrix_of([461.6, 460.1, 362.6, 246.0]))
+    file.write("distortion_coefficients", distortion[:, None])
+    file.release()
+    path.write_text(re.sub("%YAML.*", directive, path.read_text()))  # OpenCV 4 and 5
+    pose = {"site_frame": "site", "cameras": {"camera": {"translation_m": [0, 0, 0], "rpy_deg": [0, 0, 0]}}}
+    rig = merge_rigs([("camera.yml", load_rig(path)), ("pose.yaml", load_rig(written(tmp_path / "pose.yaml", pose)))])
+    images = image_message("/camera/image_raw", size=KALIBRS_PX)
+    (camera,) = discover_rig(MemoryRecording([cloud(frame="site"), images]), Config(), rig).rig.cameras
+    np.testing.assert_array_equal(camera.model.K, matrix_of([461.6, 460.1, 362.6, 246.0]))
+    assert camera.model.model == model
+    np.testing.assert_array_equal(camera.model.distortion, distortion)
+
+
 # --- KITTI
 
 
@@ -329,6 +352,9 @@ def test_kitti_raw_needs_both_files_and_takes_either(tmp_path: Path) -> None:
         (OST | {"image_width": "wide"}, "cameras.narrow_stereo_left.width_px: expected a whole number"),
         (OST | {"camera_name": "7"}, "cameras.7: expected text of the form"),
         (f"P2: 1 2 3\n{R0}{TR}", "P2: expected 3 x 4 numbers, found 3"),
+        ("%YAML:1.0\n---\nM1: !!opencv-matrix\n   data: [ 1. ]\n", "expected image_width, .* of OpenCV, found M1"),
+        ('<?xml version="1.0"?>\n<robot name="a"/>\n', "found XML, as a URDF is: write"),
+        ('[\n{\n"token": "f4",\n"sensor_token": "47"}]', "found nuScenes' calibrated_sensor.json: write"),
         (P2 + R0, "Tr_velo_to_cam or Tr_velo_cam or Tr, found P2, R0_rect"),
         (R0 + TR, "projections"),
     ],
