@@ -6,7 +6,8 @@ camera`) and msgs/ListPointCloud (`sensor_msgs/PointCloud2[] pointcloud`). Part 
 `/camera_msgs_combined` has the topic `/camera_msgs_combined/camera_n`: the index in the list identifies the sensor.
 
 Foxglove's schemas become ROS types (see `foxglove`), and packets of Velodynes and Ousters become sweeps (see `sweeps`).
-All other messages pass unchanged. Video is decoded later (see `video`); without PyAV its topics cannot be read.
+CompressedImage that holds packets of a video becomes CompressedVideo. All other messages pass unchanged. Video is
+decoded later (see `video`); without PyAV its topics cannot be read.
 """
 
 import re
@@ -24,6 +25,7 @@ from lidcam.readers.messages.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize, typestore_for
 from lidcam.readers.messages.foxglove import ROS_TYPES, ros_channel, to_ros
 from lidcam.readers.messages.header_stamp import stamp_or_log_time
+from lidcam.readers.messages.image import COMPRESSED_IMAGE
 from lidcam.readers.ouster import packets as ouster
 from lidcam.readers.ouster.description import find_description
 from lidcam.readers.ouster.sensor import missing_sdk
@@ -32,7 +34,7 @@ from lidcam.readers.recording import Closing, Loss, Recording, TopicInfo, merge_
 from lidcam.readers.sweeps import PAUSE_NS, Sweep, gather_sweeps
 from lidcam.readers.velodyne.scan import PACKET, PACKET_FIELDS, scan_channel
 from lidcam.readers.velodyne.sweeps import VelodyneSweep
-from lidcam.readers.video.packets import VIDEO, missing_decoder
+from lidcam.readers.video.packets import VIDEO, as_video, is_video_image, missing_decoder, video_channel
 
 PART_TYPES = frozenset({"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/PointCloud2"})
 
@@ -172,7 +174,12 @@ class _SensorMessages(Closing):
         self._foreign = {channel for channel in channels if channel.encoding in {"protobuf", "json"}}
         self._closed = {channel: problem for channel in channels if (problem := _problem(channel))}
         self._packets = self._sweeps(channels - self._closed.keys())
-        self.changes_anything = bool(combined or self._foreign or self._closed or self._packets)
+        compressed = {channel for channel in channels if channel.msgtype == COMPRESSED_IMAGE}
+        first = [one for topic in {c.topic for c in compressed} for one in islice(recording.messages([topic]), 1)]
+        filmed = {message.topic for message in first if is_video_image(message)}
+        self._filmed = {channel for channel in compressed if channel.topic in filmed}
+        self._closed |= dict.fromkeys(self._filmed, problem) if (problem := missing_decoder()) else {}
+        self.changes_anything = bool(combined or self._foreign or self._closed or self._packets or self._filmed)
         self.paths, self.opened = recording.paths, recording.opened
         self.start_ns, self.end_ns, self.message_count = recording.start_ns, recording.end_ns, recording.message_count
         self.topics = merge_topics(self._infos(recording.topics))
@@ -205,7 +212,10 @@ class _SensorMessages(Closing):
             if message.channel in self._combined:
                 yield from split(message, self._combined[message.channel], wanted, limits=self._limits)
             elif message.channel not in self._closed and message.topic in wanted:  # a topic may be read for its parts
-                yield to_ros(message, limits=self._limits) if message.channel in self._foreign else message
+                if message.channel in self._foreign:
+                    yield to_ros(message, limits=self._limits)
+                else:
+                    yield as_video(message) if message.channel in self._filmed else message
 
     def close(self) -> None:
         self._recording.close()
@@ -225,13 +235,18 @@ class _SensorMessages(Closing):
             found[channel] = partial(OusterSweep, frame_id=frame, metadata=text)
         return found
 
+    def _ros_channel(self, channel: Channel) -> Channel:
+        if channel in self._foreign:
+            return ros_channel(channel)
+        return video_channel(channel) if channel in self._filmed else channel
+
     def _infos(self, recorded: Iterable[TopicInfo]) -> Iterator[TopicInfo]:
         for info in recorded:
             parts: dict[tuple[str, str], dict[Channel, None]] = {}
             kept: list[Channel] = []
             for channel in info.channels:
                 if channel not in self._combined:
-                    kept.append(ros_channel(channel) if channel in self._foreign else channel)
+                    kept.append(self._ros_channel(channel))
                 for part in self._combined.get(channel, {}).values():
                     parts.setdefault((part.topic, part.msgtype), {})[part] = None
             for (topic, msgtype), channels in parts.items():

@@ -14,9 +14,11 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import U8
 from lidcam.pipeline.core.errors import MessageError
-from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.messages import Channel, RawMessage
+from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.readers.messages.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize
+from lidcam.readers.messages.image import COMPRESSED_IMAGE
 from lidcam.readers.messages.tf import clean_frame
 
 COMPRESSED_VIDEO = "foxglove_msgs/msg/CompressedVideo"
@@ -77,13 +79,44 @@ def read_packet(message: RawMessage) -> VideoPacket:
     named = str(fields.encoding if is_ffmpeg else fields.format)
     frame_id = clean_frame(fields.header.frame_id if is_ffmpeg else fields.frame_id)
     data, is_flagged = np.asarray(fields.data), is_ffmpeg and bool(int(fields.flags) & KEY_FLAG)
-    name = named.split(";")[0].strip().lower()
-    codec = next((codec for codec, names in _NAMES.items() if names.fullmatch(name)), None)
+    codec = _codec_of(named)
     if codec is None:
         raise MessageError(f"{message.topic}: video of format {named[:50]!r}; expected one of {', '.join(_NAMES)}")
     if data.dtype != np.uint8 or not data.size:
         raise MessageError(f"{message.topic}: {named[:50]} video without data")
     return VideoPacket(codec, data, _is_key(codec, data, is_flagged), frame_id)
+
+
+def _codec_of(named: str) -> str | None:
+    name = named.split(";")[0].strip().lower()
+    return next((codec for codec, names in _NAMES.items() if names.fullmatch(name)), None)
+
+
+def is_video_image(message: RawMessage) -> bool:
+    """Whether a message is a CompressedImage that holds a packet, as nodes with a hardware encoder publish them."""
+    if message.channel.msgtype != COMPRESSED_IMAGE:
+        return False
+    try:
+        return _codec_of(deserialize(message).format) not in {None, "mjpeg"}  # an image of MJPEG is a JPEG
+    except MessageError:
+        return False
+
+
+def video_channel(channel: Channel) -> Channel:
+    """The channel of the messages of a channel after `as_video`."""
+    return Channel(channel.topic, COMPRESSED_VIDEO, "cdr", ROS2.definition(COMPRESSED_VIDEO), "ros2msg")
+
+
+def as_video(message: RawMessage) -> RawMessage:
+    """A CompressedImage with a packet as a CompressedVideo; with a `problem` if it cannot be decoded."""
+    channel = video_channel(message.channel)
+    try:
+        image = deserialize(message)
+    except MessageError as err:
+        return message._replace(data=b"", channel=channel, problem=str(err).removeprefix(f"{message.topic}: "))
+    fields = {"timestamp": image.header.stamp, "frame_id": image.header.frame_id}
+    video = ROS2.new(COMPRESSED_VIDEO, **fields, data=image.data, format=image.format)
+    return message._replace(data=ROS2.serialize(video), channel=channel)
 
 
 def begins_video(packet: VideoPacket) -> bool:

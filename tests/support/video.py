@@ -92,6 +92,12 @@ def compressed_video(
     return raw(topic, "foxglove_msgs/msg/CompressedVideo", fields, stamp_ns, log_time_ns, encoding)
 
 
+def video_image(data: bytes, stamp_ns: int, form: str = "h264", encoding: Literal["ros1", "cdr"] = "cdr") -> RawMessage:
+    """A sensor_msgs/CompressedImage with a packet."""
+    fields = {"header": header(stamp_ns, "camera"), "format": form, "data": data}
+    return raw("/camera/h264", "sensor_msgs/msg/CompressedImage", fields, stamp_ns, encoding=encoding)
+
+
 def ffmpeg_packet(
     data: bytes,
     stamp_ns: int,

@@ -12,6 +12,7 @@ from combined_messages import CAMERAS, combined
 from foxglove_messages import foxglove_raw
 from memory_recording import MemoryRecording
 from numpy import zeros
+from video import encode, moving, psnr_db, video_image
 
 from lidcam.pipeline.core.errors import MessageError, RecordingError
 from lidcam.pipeline.core.messages import RawMessage
@@ -19,6 +20,7 @@ from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.messages.image import decode_any_image
 from lidcam.readers.recording import Recording
 from lidcam.readers.streams.per_sensor import sensor_messages
+from lidcam.readers.video.streams import VideoStreams, video_topics
 
 T0 = 1_700_000_000 * 10**9
 LOGGED = T0 + 10**9
@@ -73,6 +75,20 @@ def test_the_definition_tells_not_the_name(encoding: Encoding) -> None:
         ("/rig/views_1", (8, 9, 3)),
         ("/rig/views_2", (8, 9, 3)),
     ]
+
+
+@both
+@pytest.mark.parametrize(("form", "kind"), [("h264", "h264"), ("hevc", "h265")])
+def test_packets_of_a_video_in_compressed_image(encoding: Encoding, form: str, kind: str) -> None:
+    packets = encode(shown := moving(6), kind)
+    messages = [video_image(packet.data, T0 + i, form, encoding) for i, packet in enumerate(packets)]
+    recording = opened(*messages, messages[-1]._replace(data=messages[-1].data[:9]))
+    assert [info.msgtype for info in recording.topics] == ["foxglove_msgs/msg/CompressedVideo"]
+    *decoded, broken = VideoStreams(video_topics(recording, ["/camera/h264"])).decoded(recording.messages())
+    assert "9 bytes" in broken.problem
+    found = [decode_any_image(message) for message in decoded]
+    assert [(image.stamp_ns, image.frame_id) for image in found] == [(T0 + i, "camera") for i in range(6)]
+    assert min(psnr_db(image.rgb, rgb) for image, rgb in zip(found, shown, strict=True)) > 25
 
 
 @both

@@ -9,7 +9,7 @@ from builders import camera_info, image, odometry, raw, tf_message, transform_st
 from builders import pointcloud2 as cloud
 from foxglove_messages import twin
 from memory_recording import MemoryRecording
-from video import PERIOD_NS, T0, compressed_video, encode, ffmpeg, foxglove, moving, pixels, psnr_db
+from video import PERIOD_NS, T0, compressed_video, encode, ffmpeg, foxglove, moving, pixels, psnr_db, video_image
 
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.messages import Drop, RawMessage, VideoPart
@@ -147,9 +147,10 @@ def test_a_camera_is_found(name: str) -> None:
 def test_without_the_decoder_the_topic_cannot_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidcam.readers.video.packets.find_spec", lambda _: None)
     remedy = "it is video, which needs PyAV: pip install 'lidcam[video]'"
-    for film in (FILM, [twin(message, "protobuf") for message in FILM]):
+    images = [video_image(packet.data, T0) for packet in PACKETS]
+    for film in (FILM, [twin(message, "protobuf") for message in FILM], images):
         found = rig_of(film)
-        assert [(fault.topic, fault.reason) for fault in found.faults] == [(TOPIC, remedy)]
+        assert [(fault.topic, fault.reason) for fault in found.faults] == [(film[0].topic, remedy)]
         assert not found.rig.cameras
         recording = sensor_messages(MemoryRecording(film))
         [info] = recording.topics
