@@ -174,7 +174,6 @@ def _hulls(boxes: F64) -> tuple[F32, Bools]:
     return xyxy, np.asarray(is_right.all(1))
 
 
-_MAX_DIGITS = 18
 _OF_NAMES = 1 << 62
 """Set in the numbers of ids that are names, so that no recorded number is one of them."""
 
@@ -188,7 +187,7 @@ def track_ids(ids: Names) -> I64:
 def _track_id(id_: str) -> int:
     if not id_:
         return UNKNOWN
-    if id_.isascii() and id_.isdecimal() and len(id_) <= _MAX_DIGITS:
+    if _is_number(id_):
         return int(id_)
     digest = int.from_bytes(blake2b(id_.encode(errors="replace"), digest_size=8).digest(), "big")
     return digest % _OF_NAMES | _OF_NAMES

@@ -21,6 +21,9 @@ COUNT_NUMBERS = {LIDAR_POINTS: -1, IMAGE_PIXELS: -2, "instance": -3, "occlusion"
 OF_LIDAR, OF_CAMERA = -1000, -2000
 """The k-th lidar has the number -1000 - k, the k-th camera -2000 - k, k from 0."""
 
+MAX_DIGITS = 18
+"""Digits of a label that may be a number; Python reads no more than some thousand."""
+
 _NAMES = {number: name for name, number in COUNT_NUMBERS.items()}
 
 
@@ -33,7 +36,7 @@ def count_of(label: str) -> str | None:
     """
     if not label.startswith("-"):
         return label if label in COUNT_NUMBERS or label.startswith((f"{LIDAR_POINTS}/", f"{IMAGE_PIXELS}/")) else None
-    if not label[1:].isdecimal():
+    if not label[1:].isdecimal() or len(label) > MAX_DIGITS:
         return None
     number = int(label)
     if number in _NAMES:

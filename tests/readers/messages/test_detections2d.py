@@ -91,11 +91,12 @@ def test_turned_box_becomes_its_hull(degrees: int) -> None:
 
 def test_numbers_as_classes() -> None:
     numbered = [detection(("2", 0.9)), detection(("0", 0.9)), detection(("7", 0.9)), detection(("-1", 0.9))]
+    numbered += [detection((sign + "7" * 5000, 0.9)) for sign in ("", "-")]
     unknown = decode(*numbered)
-    assert (len(unknown.boxes), sum(unknown.unused.values())) == (0, 4)
+    assert (len(unknown.boxes), sum(unknown.unused.values())) == (0, 6)
     known = decode(*numbered, classes=NUMBERED)
     np.testing.assert_array_equal(known.boxes.class_ids, [0, 1])
-    assert list(known.unused) == ["class '7' is not configured", "no class with a score"]
+    assert [reason[:10] for reason in known.unused] == ["class '-77", "class '7' ", "class '777", "no class w"]
 
 
 # --- older layouts, from the definitions of their time

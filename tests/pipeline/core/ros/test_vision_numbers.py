@@ -20,6 +20,7 @@ from lidcam.pipeline.core.ros.vision_numbers import CLASS_NUMBERS, CLASS_OF_NUMB
         ("-2000", "image_pixels/0"),
         ("-999", "-999"),
         ("-4000", "-4000"),
+        (f"-{'7' * 5000}", None),
     ],
 )
 def test_what_hypotheses_count(label: str, counted: str | None) -> None:
