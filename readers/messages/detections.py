@@ -23,7 +23,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Indices, Names, Table, check_array
 from lidcam.pipeline.core.detections import Boxes2D
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.ros.vision_numbers import count_of
+from lidcam.pipeline.core.ros.vision_numbers import MAX_DIGITS, count_of
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
 from lidcam.readers.messages.decoding import decoder
@@ -187,7 +187,7 @@ def track_ids(ids: Names) -> I64:
 def _track_id(id_: str) -> int:
     if not id_:
         return UNKNOWN
-    if _is_number(id_):
+    if id_.isascii() and id_.isdecimal() and len(id_) <= MAX_DIGITS:
         return int(id_)
     digest = int.from_bytes(blake2b(id_.encode(errors="replace"), digest_size=8).digest(), "big")
     return digest % _OF_NAMES | _OF_NAMES

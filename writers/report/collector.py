@@ -102,7 +102,7 @@ class Timeline:
     """
 
     def __init__(self) -> None:
-        self.step_s, self._last = FIRST_STEP_S, 0
+        self.step_s, self._last, self._end_s = FIRST_STEP_S, 0, 0.0
         self._frames = np.zeros(MAX_STEPS)
         self._sums: dict[str, F64] = defaultdict(lambda: np.zeros(MAX_STEPS))
         self._maxima: dict[str, F64] = defaultdict(lambda: np.zeros(MAX_STEPS))
@@ -111,7 +111,7 @@ class Timeline:
         """Take in a frame at a time since the first; one from before it counts as of the first step."""
         while (step := max(int(time_s / self.step_s + 1e-6), 0)) >= MAX_STEPS:  # 0.6 / 0.1 is a little less than 6
             self._double()
-        self._last = max(self._last, step)
+        self._last, self._end_s = max(self._last, step), max(self._end_s, time_s)
         self._frames[step] += 1
         for name, value in sums.items():
             self._sums[name][step] += value
@@ -120,8 +120,10 @@ class Timeline:
 
     @property
     def edges_s(self) -> F64:
-        """(S + 1,) beginnings of the steps up to the last with a frame, and its end, seconds since the first frame."""
-        return np.arange(self._last + 2, dtype=np.float64) * self.step_s
+        """(S + 1,) beginnings of the steps up to the last with a frame, and its end, which is that of the frames."""
+        edges_s = np.arange(self._last + 2, dtype=np.float64) * self.step_s
+        edges_s[-1] = min(edges_s[-1], self._end_s + FIRST_STEP_S)
+        return edges_s
 
     def counts(self) -> F64:
         """(S,) frames in each step."""

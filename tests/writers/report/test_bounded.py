@@ -52,6 +52,14 @@ def test_long_steps_are_kept_when_time_jumps(monkeypatch: pytest.MonkeyPatch) ->
     assert time.counts().tolist() == [1, 0, 0, 0, 0, 0, 0, 1]
 
 
+def test_the_last_step_ends_with_the_frames() -> None:
+    time = Timeline()
+    for stamp_s in (0.0, 10.0):
+        time.add_frame(stamp_s, {}, {})
+    time.at_least(15.0)
+    assert time.edges_s.tolist() == pytest.approx([0.0, 10.1])
+
+
 def test_a_way_is_drawn_by_its_corners() -> None:
     ways = Courses()
     for step in range(100):
