@@ -55,13 +55,12 @@ from lidcam.processing import RunObserver, process_recording
 from lidcam.processing import iter_frames as frames_of
 from lidcam.readers import open as containers
 from lidcam.readers.recording import Loss, Recording
-from lidcam.readers.rig.rig_file import load_rig
 from lidcam.readers.rig.schema import RigFile
 from lidcam.readers.rig.sensor_topics import SensorFault
 from lidcam.run.choice import UsedSettings, choose_settings
 from lidcam.run.frame import Frame
 from lidcam.run.frames import RunInput
-from lidcam.run.job import ALL_OPTIONS, FilePath, Job, PathOrUrl, RigSource, Settings, locations, make_job
+from lidcam.run.job import ALL_OPTIONS, FilePath, Job, PathOrUrl, RigSource, Settings, locations, make_job, read_rig
 from lidcam.run.missing import MissingSensor
 from lidcam.run.options import JobOptions, SharedOptions, with_job_keywords
 from lidcam.run.summary import DropCount, RunSummary, UnusedTopic
@@ -503,6 +502,16 @@ def fetch(name: NetworkName) -> Path:
     if name not in NETWORKS:
         raise ModelError(f"fetch: expected {', '.join(NETWORKS)}, found {name!r}")
     return network_path(Path(name)) if is_fetched(name) else fetch_network(name)
+
+
+def load_rig(path: FilePath) -> RigFile:
+    """A rig file of lidcam, a calibration file of another system (the content says which), or a preset (original).
+
+    Raises:
+        CalibrationError: the file cannot be read, or its content does not fit; names the file and the key.
+        ConfigError: the file is not a YAML mapping.
+    """
+    return read_rig(path) or RigFile()
 
 
 def open_recording(recording: PathOrUrl | Sequence[PathOrUrl]) -> Recording:

@@ -65,6 +65,8 @@ def simulate_recording(
     """
     if family is not None and scenario != RANDOM:
         raise ConfigError(f"family: expected the scenario {RANDOM} with it, found {scenario}")
+    if duration_s is not None and not duration_s > 0:
+        raise ConfigError(f"duration_s: expected more than 0 s, found {duration_s:g}")
     check_simulator()
     if scenario == RANDOM:
         family = family or "road"

@@ -56,7 +56,7 @@ class RayEngine(Engine):
         try:
             import ray
         except ImportError as err:
-            raise LidcamError("--engine ray needs Ray, which is not installed: pip install 'lidcam[ray]'") from err
+            raise LidcamError("engine ray needs Ray, which is not installed: pip install 'lidcam[ray]'") from err
         self._ray: Any = ray
         self._program = tuple(program)
         self._lock, self._refs, self._is_ending = Lock(), set[Any](), False
@@ -72,16 +72,14 @@ class RayEngine(Engine):
                 ray.init(address or "local", **options)
         except Exception as err:  # of many kinds: no cluster, another version of Ray or Python
             self._leave()
-            raise LidcamError(f"--engine ray: {' '.join(str(err).split())}") from err
+            raise LidcamError(f"engine ray: {' '.join(str(err).split())}") from err
         finally:
             if current_thread() is main_thread():
                 signal.signal(signal.SIGTERM, handler)  # Ray has put its own in its place
         room = sum(_room(node["Resources"], cores) for node in self._ray.nodes() if node["Alive"])
         if not room:
             self._leave()
-            raise LidcamError(
-                f"--engine ray: expected a node with {cores} cores and {JOB_MIB} MiB of memory, found none"
-            )
+            raise LidcamError(f"engine ray: expected a node with {cores} cores and {JOB_MIB} MiB of memory, found none")
         super().__init__(jobs or room)
         self._task = ray.remote(num_cpus=cores, memory=JOB_MIB << 20, max_retries=TRIES - 1, retry_exceptions=False)(
             _task()

@@ -163,6 +163,10 @@ PAGE = Replaceable(is_own_page, "exists and is no page about a result")
 SIMULATED = Replaceable(_is_simulated, "exists and is no simulated recording")
 
 
+OVERWRITING = "choose another name, or replace it with --overwrite, in Python overwrite=True"
+"""What to do about a file that is in the way."""
+
+
 def check_replaced(replaceable: Callable[[Path], Replaceable], *, overwrite: bool) -> Callable[[Path], None]:
     """A check of old outputs, for `OutputTransaction`; with `overwrite` other files may be replaced, too."""
 
@@ -174,8 +178,8 @@ def check_replaced(replaceable: Callable[[Path], Replaceable], *, overwrite: boo
             if overwrite:
                 return
             if not allowed.is_own(path):
-                raise OutputError(f"{path}: {allowed.otherwise}; choose another name, or replace it with --overwrite")
+                raise OutputError(f"{path}: {allowed.otherwise}; {OVERWRITING}")
             if not os.access(path, os.W_OK):
-                raise OutputError(f"{path}: is write-protected; choose another name, or replace it with --overwrite")
+                raise OutputError(f"{path}: is write-protected; {OVERWRITING}")
 
     return check

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
+from lidcam.outputs.allowed import OVERWRITING
 from lidcam.outputs.written import WrittenFile
 from lidcam.pipeline.core.errors import LidcamError, OutputError, RecordingError, is_short_memory
 from lidcam.readers.files.remote import REMEDY, file_system, meaning_of
@@ -72,9 +73,7 @@ class Bucket:
     def check_replaceable(self, name: str) -> None:
         """Check that an object may be written: there is none, or lidcam put it there."""
         if self._unless_missing(name, lambda url: MARK.items() <= self._system.metadata(url).items()) is False:
-            raise OutputError(
-                f"{self.at(name)}: exists and was not written by lidcam; choose another name, or pass --overwrite"
-            )
+            raise OutputError(f"{self.at(name)}: exists and was not written by lidcam; {OVERWRITING}")
 
     def put(self, name: str, content: bytes) -> None:
         """Put an object, whole or not at all."""

@@ -107,7 +107,7 @@ def open_pace(opening: Opening) -> ResultWriter:
 def open_foxglove(opening: Opening) -> ResultWriter:
     """The server of frames over Foxglove's protocol."""
     if find_spec("foxglove") is None:
-        raise OutputError("--foxglove needs foxglove-sdk, which is not installed: pip install 'lidcam[foxglove]'")
+        raise OutputError("foxglove needs foxglove-sdk, which is not installed: pip install 'lidcam[foxglove]'")
     from lidcam.writers.live.server import FoxgloveServer  # an extra
 
     assert opening.job.foxglove is not None

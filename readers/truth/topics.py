@@ -44,7 +44,7 @@ def find_truth_topics(
     if wanted:
         if wanted not in infos:
             raise ConfigError(
-                f"--truth-topic: expected a topic of {DETECTIONS_3D} in {names} ({', '.join(others) or 'it has none'})"
+                f"truth_topic: expected a topic of {DETECTIONS_3D} in {names} ({', '.join(others) or 'it has none'})"
                 f", found {wanted!r}"
             )
         chosen, why = wanted, "as asked for"

@@ -97,7 +97,7 @@ def test_a_port_that_is_taken(tmp_path: Path) -> None:
         given = ("--foxglove", taken.getsockname()[1], "--duration", "0.2", "--workers", "1")
         done = called(tmp_path, "process", SANDBOX, "out.mcap", *given)
     assert done.code == 1
-    assert "--foxglove: expected a free port, found 127.0.0.1:" in done.error_line
+    assert "foxglove: expected a free port, found 127.0.0.1:" in done.error_line
     assert list(tmp_path.iterdir()) == []
 
 

@@ -132,6 +132,12 @@ def test_what_is_not_known_is_one_line(tmp_path: Path) -> None:
         lidcam.fetch("yolo")  # type: ignore[arg-type]  # wrong on purpose
     with pytest.raises(lidcam.ConfigError, match="sandbx"):
         lidcam.simulate("sandbx", tmp_path / "out.bag")
+    with pytest.raises(lidcam.ConfigError, match=r"^duration_s: expected more than 0 s, found -1"):
+        lidcam.simulate("sandbox", tmp_path / "out.bag", duration_s=-1)
+    with pytest.raises(lidcam.ConfigError, match=r"^settings: sync\.every: expected key\.key=value"):
+        lidcam.process(SANDBOX, tmp_path / "out.mcap", settings=["sync.every"])
+    with pytest.raises(lidcam.CalibrationError, match=r"expected a preset \(original\) or a rig file"):
+        lidcam.load_rig("orginal")
 
 
 @pytest.mark.parametrize("library", ["pandas", "polars", "pyarrow"])

@@ -7,6 +7,7 @@ import pytest
 from builders import image, pointcloud2, raw
 from memory_recording import MemoryRecording
 
+import lidcam
 from lidcam.pipeline.core.errors import CalibrationError
 from lidcam.pipeline.core.settings.bundled import bundled
 from lidcam.pipeline.core.settings.config import Config
@@ -19,7 +20,7 @@ CAMERAS = (11, 12, 13, 14, 41, 42, 43, 44)
 
 def test_rigs_by_name_and_by_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for path in bundled("rigs").glob("*.yaml"):
-        assert read_rig(path.stem) == read_rig(path) != RigFile()
+        assert read_rig(path.stem) == lidcam.load_rig(path.stem) == read_rig(path) != RigFile()
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine").touch()
     assert read_rig("mine") == RigFile()

@@ -66,7 +66,7 @@ class FoxgloveServer(ResultWriter):
                 capabilities=[Capability.Time],
             )
         except RuntimeError as err:
-            raise OutputError(f"--foxglove: expected a free port, found {self._host}:{self._port} ({err})") from err
+            raise OutputError(f"foxglove: expected a free port, found {self._host}:{self._port} ({err})") from err
         resources.callback(_stop, self._server)
 
     def _finish(self) -> None:

@@ -295,19 +295,19 @@ def overridden(scenario: Scenario, overrides: tuple[str, ...]) -> Scenario:
 
 def _with(tree: dict[str, Any], overrides: tuple[str, ...], name: str) -> Scenario:
     set_values(tree, tuple(override for given in overrides for override in _for_each(tree, given)))
-    return checked(Scenario, tree, f"{name} with --set" if overrides else name)
+    return checked(Scenario, tree, f"{name} with settings" if overrides else name)
 
 
 def _for_each(tree: dict[str, Any], override: str) -> list[str]:
     """The override with each `*` in its key expanded to every name."""
     key, equals, value = override.partition("=")
     if key.startswith("*"):
-        raise ConfigError(f"--set {override}: expected a section before the first *, as in cameras.*.rate_hz")
+        raise ConfigError(f"settings: {override}: expected a section before the first *, as in cameras.*.rate_hz")
     keys = [""]
     for part in key.split("."):
         keys = [f"{before}{name}." for before in keys for name in (_names_at(tree, before) if part == "*" else [part])]
     if not keys:
-        raise ConfigError(f"--set {override}: expected names for * to match, found none")
+        raise ConfigError(f"settings: {override}: expected names for * to match, found none")
     return [found.removesuffix(".") + equals + value for found in keys]
 
 

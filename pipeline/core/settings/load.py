@@ -30,7 +30,7 @@ def load_config(
     if base is None or isinstance(base, Config):
         source = "settings"
     else:
-        source = f"{fspath(base)} with --set" if settings else fspath(base)
+        source = f"{fspath(base)} with settings" if settings else fspath(base)
     return checked(Config, tree, source)
 
 
@@ -49,7 +49,7 @@ def set_values(tree: dict[str, Any], settings: Mapping[str, object] | Sequence[s
         for parent in parents:
             nested = branch.get(parent, {})
             if not isinstance(nested, dict):
-                raise ConfigError(f"--set {key}: {parent!r} is a value, not a section")
+                raise ConfigError(f"settings: {key}: {parent!r} is a value, not a section")
             branch[parent] = dict(nested)  # anchors of YAML make several sections one
             branch = branch[parent]
         branch[leaf] = value
@@ -58,11 +58,11 @@ def set_values(tree: dict[str, Any], settings: Mapping[str, object] | Sequence[s
 def _parsed(setting: str) -> tuple[str, Any]:
     key, separator, text = setting.partition("=")
     if not separator or not key:
-        raise ConfigError(f"--set {setting}: expected key.key=value")
+        raise ConfigError(f"settings: {setting}: expected key.key=value")
     try:
         return key, parse_yaml(text)
     except yaml.YAMLError as err:
-        raise ConfigError(f"--set {setting}: the value is not YAML") from err
+        raise ConfigError(f"settings: {setting}: the value is not YAML") from err
 
 
 def dump_config(config: Config) -> str:

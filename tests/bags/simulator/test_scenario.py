@@ -44,7 +44,7 @@ def test_a_star_stands_for_every_name(tmp_path: Path) -> None:
     path = written(tmp_path / "mine.yaml", tree(lidars=lidars))
     scenario = load_scenario(path, ("lidars.*.rate_hz=20", "lidars.side.rate_hz=5"))
     assert {name: lidar.rate_hz for name, lidar in scenario.lidars.items()} == {"top": 20.0, "side": 5.0}
-    with pytest.raises(ConfigError, match=r"--set routes\.\*\.closed=true: expected names for"):
+    with pytest.raises(ConfigError, match=r"settings: routes\.\*\.closed=true: expected names for"):
         load_scenario(path, ("routes.*.closed=true",))
     with pytest.raises(ConfigError, match="expected a section before"):
         load_scenario(path, ("*.top.rate_hz=3",))

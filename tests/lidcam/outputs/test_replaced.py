@@ -28,7 +28,7 @@ OWN = {output.name: loaded(output.is_own) for output in OUTPUTS if output.is_own
     "text": TEXT.is_own,
 }
 JPEG = b"\xff\xd8\xff\xe0" + bytes(16) + b"\xff\xfe\x00\x14lidcam.matches {}"
-REFUSED = "choose another name, or replace it with --overwrite"
+REFUSED = "choose another name, or replace it with --overwrite, in Python overwrite=True"
 
 
 def recognised(path: Path) -> list[str]:

@@ -50,7 +50,7 @@ def test_of_several_the_one_with_the_most_messages() -> None:
 def test_a_topic_that_is_asked_for() -> None:
     assert chosen("/ground_truth/objects", "/other/objects", wanted="/other/objects").objects == "/other/objects"
     assert chosen("/ground_truth/objects", "/fused/detections", wanted="/fused/detections").why == "as asked for"
-    expected = "--truth-topic: expected a topic of vision_msgs/msg/Detection3DArray in  (/gt/a), found '/gt/b'"
+    expected = "truth_topic: expected a topic of vision_msgs/msg/Detection3DArray in  (/gt/a), found '/gt/b'"
     with pytest.raises(ConfigError, match=re.escape(expected)):
         chosen("/gt/a", wanted="/gt/b")
     with pytest.raises(ConfigError, match="it has none"):
