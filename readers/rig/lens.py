@@ -1,5 +1,6 @@
 """The intrinsics of one camera, from its entry in the rig file or from its CameraInfo; errors as of `calibration`."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -141,12 +142,14 @@ def _lens_of_info(entry: CameraEntry, topics: CameraTopics, frame: str, first: F
             "the recording has no CameraInfo of it: give its K in a rig file (--rig; inspect --write-rig drafts one)"
         )
     source, remark, other = _source_of_info(entry, topics), "", None
+    if getattr(info, "width", None) == 0 and (size := recorded_size(topics, first)):
+        info, remark = replace(info, width=size[0], height=size[1]), f"{source} has no image size: its images' is taken"
     if is_rectified(topics.image):
         model, T_model_camera = rectified_camera_model(info, frame_id=frame)
     elif reason := rectified_reason(info):
         model, T_model_camera = rectified_camera_model(info, frame_id=frame, is_turned=False)
         source = f"P of {source}"
-        remark = f"{source} is used, without distortion: {reason}"
+        remark = "; ".join(filter(None, [remark, f"{source} is used, without distortion: {reason}"]))
     else:
         model, T_model_camera = camera_model(info, frame_id=frame), Transform.identity(frame, frame)
         other = other_camera_model(info, model)

@@ -357,6 +357,15 @@ def test_the_first_camera_info_with_a_calibration_counts() -> None:
     np.testing.assert_array_equal(found.rig.cameras[0].model.K, K)
 
 
+def test_a_camera_info_without_a_size_has_that_of_the_images() -> None:
+    unsized = info("/c/camera_info", "cam", width_px=0, height_px=0)
+    found = rig_with(image_message("/c/image_raw", "cam"), unsized)
+    (camera,) = found.rig.cameras
+    assert (camera.model.width_px, camera.model.height_px) == (64, 48)
+    np.testing.assert_array_equal(camera.model.K, K)
+    assert found.notes == ("c: /c/camera_info has no image size: its images' is taken",)
+
+
 def test_p_is_used_where_k_is_of_another_image() -> None:
     of_sensor = info("/c/camera_info", "cam", K=np.add(K, [[0, 0, 6], [0, 0, 4], [0, 0, 0]]), P=np.c_[K, [1, 2, 3]])
     found = rig_with(image_message("/c/image_raw", "cam"), of_sensor)
