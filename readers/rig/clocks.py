@@ -33,6 +33,11 @@ def is_off(delay_ns: int, usual_ns: int) -> bool:
     return not -MAX_AHEAD_NS <= delay_ns - usual_ns <= MAX_BEHIND_NS
 
 
+def is_unstamped(recording: Recording, topic: str) -> bool:
+    """Whether all stamps of a topic are 0: the times at which its messages were recorded are used."""
+    return not any(message.stamp_ns for message in islice(recording.messages([topic]), CHECKED))
+
+
 def clock_offsets(recording: Recording, delays_ns: Mapping[str, int], usual_ns: int) -> dict[str, int]:
     """Offsets of the stamps of topics whose clock is off and runs on steadily, nanoseconds by topic.
 
