@@ -4,7 +4,8 @@ A YAML file overrides single values; an unknown key is an error. `config/default
 defaults. The wiring of the stages is not a setting: see `lidcam/run/build.py`.
 """
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, ClassVar
 
 from pydantic import Field, model_validator
 
@@ -31,6 +32,10 @@ UNKNOWN_CLASS = "unknown"
 """Name of objects of no class; their class id is the number of classes."""
 
 
+def _constant(value: float) -> str:
+    return f"now a constant of {value:g}"
+
+
 class Config(SettingsModel):
     """All settings of one run.
 
@@ -40,6 +45,42 @@ class Config(SettingsModel):
             far below them.
         classes: Classes to detect; the position of a class is its class id.
     """
+
+    GONE: ClassVar[Mapping[str, str]] = {
+        "velodyne.topics": "velodyne.model and velodyne.calibration hold for all lidars",
+        "topics.last_resort": "now a constant: /point_cloud_combined and /ground_cloud",
+        "sync.policy": "now always approximate_time; other topics join nearest to one in sync.required",
+        "sync.age_penalty": _constant(0.1),
+        "combine.motion.max_extrapolation_s": _constant(0.2),
+        "combine.motion.max_gap_s": _constant(1.5),
+        "combine.outliers.neighbors": _constant(10),
+        "combine.ground.relief": "the ground's relief is always taken into account",
+        "combine.ground.iterations": _constant(200),
+        "combine.ground.seed": _constant(0),
+        "detect3d.cluster.height_weight": _constant(0.5),
+        "detect3d.cluster.split_shares": _constant(0.7),
+        "detect3d.recorded.position_sigma_m": _constant(0.3),
+        "detect3d.recorded.yaw_sigma_deg": _constant(10.0),
+        "detect2d.nms_iou": _constant(0.45),
+        "detect2d.nms_iou_any": _constant(0.6),
+        "detect2d.threads": _constant(1),
+        "associate": "now constants of pipeline/core/association.py",
+        "fuse.min_score_unconfirmed": "fuse.min_score is a probability, with cameras and without",
+        "fuse.heading_sigma_deg": _constant(5.0),
+        "evaluate.ranges_m": "now a constant: 0, 10, 20, 40 and 80 m, scaled by the length of the first class",
+        "evaluate.min_image_pixels": _constant(1),
+        "evaluate.bootstrap": _constant(1000),
+        "evaluate.distances": "scaled by the length of the class; for nuScenes's own figures, export",
+        "fuse.camera_recall": "learned for each camera and size while the run goes on",
+        "fuse.size_sigma": _constant(0.15),
+        "fuse.corner_rounding": _constant(0.25),
+        "fuse.underside": _constant(0.06),
+        "fuse.cabin": _constant(0.4),
+        "compare": "now constants of pipeline/evaluation/comparison/object_changes.py; see --allow and --max-different",
+        "run.window": "now two frames per process and one more: use run.workers",
+        "limits": "use limit_scale, which multiplies all limits",
+    }
+    """Successors of the settings of earlier versions."""
 
     topics: TopicsConfig = TopicsConfig()
     rig: RigConfig = RigConfig()

@@ -85,8 +85,11 @@ def did_you_mean(word: str, known: list[str]) -> str:
 
 
 def unknown_key(model: type[BaseModel], path: tuple[Part, ...], more: str = "") -> str:
-    """The message about an unknown key: the one that was probably meant, or the known ones."""
+    """The message about an unknown key: what became of it, the key that was probably meant, or the known ones."""
     key, leaf = _dotted(path), str(path[-1])
+    for end in range(len(path), 0, -1):
+        if gone := getattr(model, "GONE", {}).get(_dotted(path[:end])):
+            return f"{key} is gone: {gone}{more}"
     section, before = model, f"{_dotted(path[:-1])}." if path[:-1] else ""
     for part in path[:-1]:
         field = fields_by_key(section).get(str(part))  # None: the index or the name of an element

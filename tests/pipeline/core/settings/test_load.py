@@ -33,6 +33,7 @@ def test_every_shipped_config_loads(path: Path) -> None:
     ("text", "message"),
     [
         ("sync: {slop: 1}", r"unknown key 'sync.slop': did you mean 'sync.slop_s'\?"),
+        ("fuse: {min_score_unconfirmed: 1}", r"fuse.min_score_unconfirmed is gone: fuse.min_score is a probability"),
         ("sync: {queue_size: 0}", r"sync.queue_size: expected at least 1, found 0"),
         ("- a\n- b", r"expected a mapping of sections, found list"),
         ("a: [", r"not YAML"),

@@ -5,6 +5,7 @@ import pytest
 from pydantic import Field
 
 from lidcam.pipeline.core.errors import CalibrationError, ConfigError
+from lidcam.pipeline.core.geometry.pose_samples import MAX_GAP_NS
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.model import Count, Positive, SettingsModel
 from lidcam.pipeline.core.settings.validation import checked
@@ -101,6 +102,22 @@ def test_the_key_that_was_meant(key: str, meant: str) -> None:
     for parent in reversed(parents):
         tree = {parent: tree}
     assert message(Config, tree) == f"unknown key {key!r}: did you mean {meant!r}?"
+
+
+@pytest.mark.parametrize(
+    ("tree", "text"),
+    [
+        ({"fuse": {"cabin": 0.3}}, "fuse.cabin is gone: now a constant of 0.4"),
+        ({"combine": {"motion": {"max_gap_s": 2}}}, f"max_gap_s is gone: now a constant of {MAX_GAP_NS / 1e9:g}$"),
+        ({"compare": {"gate": 2}}, "compare is gone: now constants of"),
+        ({"limits": {"max_boxes": 3}}, "limits is gone: use limit_scale, which multiplies all limits"),
+        ({"associate": {"gate": 3}}, "associate is gone: now constants of pipeline/core/association.py"),
+        ({"run": {"window": 3, "x": 1}}, "run.window is gone: now two frames per process .* use run.workers"),
+    ],
+)
+def test_settings_of_earlier_versions(tree: dict[str, Any], text: str) -> None:
+    with pytest.raises(ConfigError, match=text):
+        checked(Config, tree, "file")
 
 
 def test_a_key_unlike_all_others_gets_the_list() -> None:
