@@ -105,10 +105,6 @@ def predicted(motions: Motions, after_s: F64 | float, noise: F64) -> tuple[Motio
     states, slopes = _turned(motions.states, after_s)
     covariances = slopes @ motions.covariances @ slopes.swapaxes(1, 2)
     covariances += _process_noise(motions.states, after_s, noise)
-    # Of second order: while speed and heading are both unknown, a new track moves across its heading, too.
-    spread = motions.covariances[:, SPEED, SPEED] * np.minimum(motions.covariances[:, HEADING, HEADING], 1.0)
-    across = np.column_stack([-np.sin(motions.states[:, HEADING]), np.cos(motions.states[:, HEADING])])
-    covariances[:, :2, :2] += (spread * after_s**2)[:, None, None] * across[:, :, None] * across[:, None]
     return Motions(states, covariances), slopes
 
 

@@ -61,16 +61,6 @@ def test_places_go_to_the_rear_axle_and_back(state: np.ndarray, rear_m: float) -
     np.testing.assert_allclose(back.covariances, motions(state).covariances, atol=1e-9)
 
 
-def test_a_new_track_may_move_across_its_heading() -> None:
-    """The spread is that of samples of its speed and heading, both of which are unknown."""
-    rng, sigmas = np.random.default_rng(1), np.array([0.0, 0.0, 0.3, 10.0, 0.0])
-    samples = np.array([5.0, -3.0, 0.8, 0.0, 0.0]) + sigmas * rng.normal(size=(20_000, 5))
-    moved, _ = predicted(Motions(samples, np.zeros((20_000, 5, 5))), 0.1, np.zeros((20_000, 5)))
-    new = Motions(np.array([[5.0, -3.0, 0.8, 0.0, 0.0]]), np.diag(sigmas**2)[None])
-    later, _ = predicted(new, 0.1, np.zeros((1, 5)))
-    np.testing.assert_allclose(later.covariances[0, :2, :2], np.cov(moved.states[:, :2].T), rtol=0.2)
-
-
 def test_yaws_count_modulo_half_a_turn() -> None:
     difference = innovations(np.array([[0.0, 0.0, 3.1]]), np.array([[0.0, 0.0, 0.0]]))
     assert difference[0, 2] == pytest.approx(3.1 - np.pi)
