@@ -11,6 +11,7 @@ from lidcam.bags.simulator.worlds.training_scenes import SWEEPS_PER_WORLD, Train
 from lidcam.pipeline.core.arrays import F64, I64
 from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud
 from lidcam.pipeline.core.frame import SensorBundle
+from lidcam.pipeline.core.geometry.rotations import pose_matrix
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
@@ -102,11 +103,8 @@ def _of_sweeps(frame: Sequence[TrainingSweep]) -> Examples:
 
 def rig_of(origins: Iterable[F64]) -> Rig:
     """Lidars at these places (3,), named by their numbers."""
-    lidars = []
-    for row, origin in enumerate(origins):
-        pose = np.eye(4)
-        pose[:3, 3] = origin
-        lidars.append(LidarSensor(str(row), "", Transform(SITE, str(row), pose)))
+    poses = (pose_matrix(np.eye(3), origin) for origin in origins)
+    lidars = (LidarSensor(str(row), "", Transform(SITE, str(row), pose)) for row, pose in enumerate(poses))
     return Rig(SITE, tuple(lidars), (), ())
 
 

@@ -22,7 +22,7 @@ from lidcam.pipeline.calibration.pairs import TrackedPairs
 from lidcam.pipeline.core.arrays import F64, I64, Bools
 from lidcam.pipeline.core.detections import Boxes3D, Source
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
-from lidcam.pipeline.core.geometry.rotations import turned
+from lidcam.pipeline.core.geometry.rotations import pose_matrix, turned
 from lidcam.pipeline.core.rig import HABIT_SIGMA, CameraFit, CameraSensor, EdgeHabits
 from lidcam.pipeline.core.settings.fuse import FuseConfig
 from lidcam.pipeline.fusion.projection import CameraArrays, project_edges, rounded_outline
@@ -286,8 +286,7 @@ class _Fit:
         twist = self._pairs.own_motion
         if not delay_s or not twist.any():
             return self._T_image_site
-        back = np.tile(np.eye(4), (len(twist), 1, 1))
-        back[:, :3, :3], back[:, :3, 3] = turned(-twist[:, 3:] * delay_s), -twist[:, :3] * delay_s
+        back = pose_matrix(turned(-twist[:, 3:] * delay_s), -twist[:, :3] * delay_s)
         return np.asarray(back @ self._T_image_site)
 
     def _predicted(self, values: F64) -> tuple[F64, F64, Bools]:

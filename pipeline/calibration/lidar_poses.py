@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from lidcam.pipeline.calibration.lidar_error import SIGNIFICANT_SIGMAS, LidarError, lidar_error
-from lidcam.pipeline.calibration.motions import motion
 from lidcam.pipeline.core.arrays import F64, I64
+from lidcam.pipeline.core.geometry.rotations import pose_matrix, turned
 from lidcam.pipeline.core.rig import LidarSensor
 
 ROTATION_SIGMA_RAD = np.radians(0.3)
@@ -104,10 +104,8 @@ def agreeing_motions(lidars: Sequence[LidarSensor], site_frame: str, pairs: Sequ
 
 def moved_lidar(lidar: LidarSensor, values: F64) -> LidarSensor:
     """The lidar, turned about itself and moved along the axes of the site frame by `values` (6,)."""
-    pose, step = lidar.T_site_lidar, motion(values)
-    matrix = pose.matrix.copy()
-    matrix[:3, :3] = step[:3, :3] @ matrix[:3, :3]
-    matrix[:3, 3] += step[:3, 3]
+    pose = lidar.T_site_lidar
+    matrix = pose_matrix(turned(values[:3]) @ pose.matrix[:3, :3], pose.translation + values[3:])
     return replace(lidar, T_site_lidar=replace(pose, matrix=matrix))
 
 

@@ -3,14 +3,12 @@
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64
-from lidcam.pipeline.core.geometry.rotations import turned
+from lidcam.pipeline.core.geometry.rotations import pose_matrix, turned
 
 
 def motion(values: F64) -> F64:
     """(4, 4) the motion by a rotation vector (radians) and a translation (metres), the first six of `values`."""
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = turned(values[:3]), values[3:6]
-    return matrix
+    return pose_matrix(turned(values[:3]), values[3:6])
 
 
 def cluster_covariance(scores: F64, groups: I64, normal: F64, prior: F64) -> F64:

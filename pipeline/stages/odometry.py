@@ -22,7 +22,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.geometry.pose_samples import OdometryPose
-from lidcam.pipeline.core.geometry.rotations import rotation_vectors, turned
+from lidcam.pipeline.core.geometry.rotations import pose_matrix, rotation_vectors, turned
 
 if TYPE_CHECKING:
     from small_gicp import KdTree, PointCloud, RegistrationResult
@@ -204,10 +204,7 @@ class FindOdometry:
             self._step_ns = 0
         if not self._step_ns:
             return self._pose
-        share, step = gap_ns / self._step_ns, np.eye(4)
-        [step[:3, :3]] = turned(rotation_vectors(self._step[None, :3, :3]) * share)
-        step[:3, 3] = self._step[:3, 3] * share
-        return np.asarray(self._pose @ step)
+        return np.asarray(self._pose @ _motion(_twist(self._step) * (gap_ns / self._step_ns)))
 
     def _registered(self, xyz: Any, guess: F64, *, is_near: bool) -> tuple[_Scan | None, bool]:
         """The cloud at the pose that fits best, and whether that is reliable; None with too few points."""
@@ -304,9 +301,7 @@ class FindOdometry:
 
 def _motion(twist: F64) -> F64:
     """(4, 4) matrix of a small motion (6,): translation, rotation vector."""
-    motion = np.eye(4)
-    motion[:3, :3], motion[:3, 3] = turned(twist[3:]), twist[:3]
-    return motion
+    return pose_matrix(turned(twist[3:]), twist[:3])
 
 
 def _twist(motion: F64) -> F64:

@@ -16,6 +16,7 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.camera import NEAR_M, CameraModel
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.geometry.boxes import box_corners, wrap_angle
+from lidcam.pipeline.core.geometry.rotations import pose_matrix
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetScene, pinhole, write_image
 
@@ -96,9 +97,7 @@ class KittiWriter:
         if not self._wanted and len(known) > 1:
             self.remarks.append(f"{scene.name}: image_2 is {self._camera.name}; --camera takes another of {len(known)}")
         self._scene, self._model = scene, pinhole(self._camera.model)
-        R_rect_camera = np.eye(4)
-        R_rect_camera[:3, :3] = level_rectification(self._camera)
-        self._T_rect_site = R_rect_camera @ self._camera.T_camera_site.matrix
+        self._T_rect_site = pose_matrix(level_rectification(self._camera)) @ self._camera.T_camera_site.matrix
         self._lengths.append(0)
         if self.is_tracking:
             self._sequence, self._count, self._true_tracks = f"{len(self._lengths) - 1:04d}", 0, {}

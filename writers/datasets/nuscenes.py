@@ -16,7 +16,8 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I32
 from lidcam.pipeline.core.errors import OutputError
-from lidcam.pipeline.core.geometry.rotations import quaternion_of_matrix
+from lidcam.pipeline.core.geometry.boxes import rotations_2d
+from lidcam.pipeline.core.geometry.rotations import pose_matrix, quaternion_of_matrix
 from lidcam.writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetScene, write_image
 
 VERSION = "v1.0-lidcam"
@@ -281,13 +282,10 @@ def _pose(T_dst_src: F64) -> Row:
 
 def _placed(boxes: DatasetBoxes, T_fixed_site: F64) -> list[Row]:
     """Boxes in the fixed frame; sizes are width, length, height."""
-    placed = []
-    for center, size, yaw in zip(boxes.centers, boxes.sizes, boxes.yaws, strict=True):
-        pose = np.eye(4)
-        pose[:3, 3] = center
-        pose[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-        placed.append(_pose(T_fixed_site @ pose) | {"size": size[[1, 0, 2]].tolist()})
-    return placed
+    poses = pose_matrix(np.tile(np.eye(3), (len(boxes), 1, 1)), boxes.centers)
+    poses[:, :2, :2] = rotations_2d(boxes.yaws)
+    sizes = boxes.sizes[:, [1, 0, 2]].tolist()
+    return [_pose(T_fixed_site @ pose) | {"size": size} for pose, size in zip(poses, sizes, strict=True)]
 
 
 def _write_json(path: Path, value: Any) -> None:

@@ -28,6 +28,7 @@ from lidcam.bags.simulator.world.motion import (
 from lidcam.bags.simulator.world.places.places import height_of, mesh_of
 from lidcam.bags.simulator.world.scene import Scene
 from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.geometry.rotations import pose_matrix
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig, default_zones
 
@@ -148,9 +149,7 @@ class Stage:
     def T_site_base(self, vehicle: str, frame: str, time_ns: int) -> Transform:
         """Pose of a vehicle's base frame, which the transform names `frame`."""
         pose = self._paths[vehicle].poses(np.array([time_ns], np.int64))
-        matrix = np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = pose.rotation[0], pose.translation[0]
-        return Transform(self.scenario.site_frame, frame, matrix)
+        return Transform(self.scenario.site_frame, frame, pose_matrix(pose.rotation[0], pose.translation[0]))
 
     def T_site_box(self, vehicle: str, frame: str, time_ns: int) -> Transform:
         """Pose of the centre of the box that holds a vehicle at all times, which the transform names `frame`."""
@@ -164,10 +163,8 @@ class Stage:
         return self._centred(mover.name, mover.name, time_ns, box.center_m), box.size_m
 
     def _centred(self, vehicle: str, frame: str, time_ns: int, center_m: tuple[float, float, float]) -> Transform:
-        center = np.eye(4)
-        center[:3, 3] = center_m
         base = self.T_site_base(vehicle, frame, time_ns)
-        return Transform(base.dst, frame, base.matrix @ center)
+        return Transform(base.dst, frame, base.matrix @ pose_matrix(np.eye(3), center_m))
 
     def forget(self, before_ns: int) -> None:
         """Drop the past that no measurement or message after `before_ns` needs."""

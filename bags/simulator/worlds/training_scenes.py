@@ -28,6 +28,7 @@ from lidcam.bags.simulator.worlds.draw import Family, random_lidar, random_numbe
 from lidcam.bags.simulator.worlds.errors import erring_lidar
 from lidcam.bags.simulator.worlds.site import first_state
 from lidcam.pipeline.core.arrays import F32, F64, I32, I64
+from lidcam.pipeline.core.geometry.rotations import pose_matrix
 
 open3d = load_open3d()
 
@@ -170,9 +171,7 @@ class _World:
                 ego = there
                 break
         pose = self._stood(first_state(ego, self._routes)).poses(FIRST_NS)
-        matrix = np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = pose.rotation[0], pose.translation[0]
-        return matrix
+        return pose_matrix(pose.rotation[0], pose.translation[0])
 
     def _stood(self, state: State) -> RaisedPath:
         """The path of a road user on the ground."""

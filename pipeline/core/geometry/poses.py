@@ -3,7 +3,7 @@
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64
-from lidcam.pipeline.core.geometry.rotations import rotation_vectors, turned
+from lidcam.pipeline.core.geometry.rotations import pose_matrix, rotation_vectors, turned
 
 
 def interpolate_poses(stamps_ns: I64, poses: F64, wanted_ns: I64) -> F64:
@@ -19,7 +19,5 @@ def interpolate_poses(stamps_ns: I64, poses: F64, wanted_ns: I64) -> F64:
     share = (wanted - known[row]) / (known[row + 1] - known[row])
     rotations = poses[:, :3, :3]
     steps = rotation_vectors(rotations[:-1].swapaxes(1, 2) @ rotations[1:])
-    out = np.tile(np.eye(4), (len(wanted), 1, 1))
-    out[:, :3, :3] = rotations[row] @ turned(steps[row] * share[:, None])
-    out[:, :3, 3] = poses[row, :3, 3] * (1 - share[:, None]) + poses[row + 1, :3, 3] * share[:, None]
-    return out
+    places = poses[row, :3, 3] * (1 - share[:, None]) + poses[row + 1, :3, 3] * share[:, None]
+    return pose_matrix(rotations[row] @ turned(steps[row] * share[:, None]), places)

@@ -79,9 +79,9 @@ def quaternion_of_matrix(matrix: F64) -> F64:
 
 
 def pose_matrix(rotation: npt.ArrayLike, translation: npt.ArrayLike = 0.0) -> F64:
-    """(4, 4) pose of a rotation (3, 3) and a translation (3,), without which it is none."""
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation, translation
+    """(..., 4, 4) poses of rotations (..., 3, 3) and translations (..., 3), without which they are none."""
+    matrix = np.zeros((*np.shape(rotation)[:-2], 4, 4))
+    matrix[..., :3, :3], matrix[..., :3, 3], matrix[..., 3, 3] = rotation, translation, 1.0
     return matrix
 
 
