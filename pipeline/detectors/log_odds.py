@@ -22,6 +22,12 @@ def softly_limited(log_odds: F64, limit: float) -> F64:
     return np.asarray(log_odds / (1 + (log_odds / limit) ** 4) ** 0.25)
 
 
+def softmax(log_odds: F64) -> F64:
+    """Probabilities of log odds, or of log likelihoods, of which one is true, along the last axis."""
+    shares = np.exp(log_odds - log_odds.max(-1, keepdims=True))
+    return np.asarray(shares / shares.sum(-1, keepdims=True))
+
+
 def sigmoid(log_odds: F64) -> F64:
     """Probabilities of log odds."""
     return np.asarray(1 / (1 + np.exp(-log_odds)))

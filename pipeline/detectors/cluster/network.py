@@ -14,6 +14,7 @@ from lidcam.pipeline.core.small_files import read_small_file
 from lidcam.pipeline.core.text import one_line
 from lidcam.pipeline.detectors.cluster.features import FEATURES
 from lidcam.pipeline.detectors.cluster.kinds import KINDS
+from lidcam.pipeline.detectors.log_odds import softmax
 
 EMBEDDED = Path(__file__).with_name("road.npz")
 """The weights that travel with lidcam; `road.md` beside it says how they were made."""
@@ -85,9 +86,3 @@ class ClusterNetwork:
         if not layers or shape != (1, len(KINDS)):
             raise ModelError(f"{expected}, found arrays of other shapes")
         return network
-
-
-def softmax(values: F64) -> F64:
-    """Probabilities of log odds, along the last axis."""
-    shares = np.exp(values - values.max(-1, keepdims=True))
-    return np.asarray(shares / shares.sum(-1, keepdims=True))

@@ -13,6 +13,7 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64, Indices, first_of_runs
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.detectors.log_odds import softmax
 from lidcam.pipeline.fusion.assignment import assign
 from lidcam.pipeline.fusion.cameras.placing import HEADINGS, Placements
 
@@ -50,7 +51,7 @@ def moments(placements: Placements, view_xy: F64) -> Moments:
     covariances = np.zeros((len(xy), 3, 3))
     covariances[:, :2, :2] = spread
     # An axis has no front: the mean is taken of twice its angle.
-    mean = _shares(placements) @ DIRECTIONS
+    mean = softmax(placements.log_weights) @ DIRECTIONS
     length = np.hypot(mean[:, 0], mean[:, 1]).clip(1e-9, 1.0)
     covariances[:, 2, 2] = np.minimum(-np.log(length) / 2, MAX_YAW_VARIANCE) + (HEADINGS[1] ** 2) / 12
     view_rad = 2 * np.arctan2(xy[:, 1] - view_xy[:, 1], xy[:, 0] - view_xy[:, 0])
@@ -62,7 +63,7 @@ def moments(placements: Placements, view_xy: F64) -> Moments:
 
 def mean_places(placements: Placements) -> tuple[F64, F64]:
     """(P, 2) means and (P, 2, 2) covariances of the centres over all headings, metres in the site frame."""
-    shares = _shares(placements)[..., None]
+    shares = softmax(placements.log_weights)[..., None]
     mean = (shares * placements.xy).sum(1)
     gaps = placements.xy - mean[:, None]
     spread = placements.covariances + gaps[..., None] * gaps[..., None, :]
@@ -97,12 +98,6 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
             _combine(known, rows, new_rows)
             mean_xy[rows], spread[rows] = mean_places(known.select(rows))
     return (np.cumsum(is_first) - 1)[first], known.select(is_first)
-
-
-def _shares(placements: Placements) -> F64:
-    """(P, H) probability of each heading."""
-    weights = np.exp(placements.log_weights - placements.log_weights.max(1, keepdims=True))
-    return np.asarray(weights / weights.sum(1, keepdims=True))
 
 
 def _worth(first_xy: F64, first: F64, second_xy: F64, second: F64) -> F64:

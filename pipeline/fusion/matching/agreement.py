@@ -16,6 +16,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F32, F64, I32, I64
 from lidcam.pipeline.core.association import FREEDOM
 from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.detectors.log_odds import softmax
 
 UNKNOWN_SIGMA = 0.1
 """Standard deviation of the position of a box without covariance, as a share of the mean of length and width."""
@@ -160,6 +161,4 @@ def _sums_of_others(values: F64, matched: I64, groups: I64) -> F64:
 
 def _log_given(log_classes: F64, confusion: F64) -> F64:
     """(P, K) log probability of each class by a 2D detector, from that of each true class."""
-    belief = np.exp(log_classes - log_classes.max(1, keepdims=True))
-    belief /= belief.sum(1, keepdims=True)
-    return np.asarray(np.log(belief @ confusion))
+    return np.log(softmax(log_classes) @ confusion)

@@ -23,6 +23,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, first_of_runs
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.geometry.boxes import rotations_2d, wrap_angle
+from lidcam.pipeline.detectors.log_odds import softmax
 from lidcam.pipeline.fusion.projection import Outline, project_edges
 from lidcam.pipeline.fusion.refining.box_prior import MAX_YAW_SIGMA_RAD, MIN_ELONGATION, BoxPrior
 from lidcam.pipeline.fusion.refining.edges import MeasuredEdges
@@ -199,8 +200,7 @@ class _Problem(NamedTuple):
             step = np.linalg.solve(normal, right[..., None])[..., 0]
             states[..., _REST] += step
         log_odds = ((step * right).sum(2) - cost - np.linalg.slogdet(normal)[1]) / 2
-        shares = np.exp(log_odds - log_odds.max(1, keepdims=True))
-        shares /= shares.sum(1, keepdims=True)
+        shares = softmax(log_odds)
         mean = (shares[..., None] * states).sum(1)
         deviations = states - mean[:, None]
         spread = (shares[..., None] * deviations).swapaxes(1, 2) @ deviations
