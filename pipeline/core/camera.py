@@ -7,9 +7,10 @@ pixel; the principal point of a calibration counts from pixel centres, as in Ope
 projection.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, Self, get_args
+from typing import Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,9 @@ from lidcam.pipeline.core.geometry.box_edges import edge_samples
 from lidcam.pipeline.native.kernels import pixels_of_points
 
 DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
+
+COEFFICIENTS: Mapping[str, int] = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
+"""Number of coefficients by distortion model."""
 
 BORDER_PX = 2.0
 """An edge this near to the border of its image may be the border's own: the object may go on beyond it."""
@@ -40,9 +44,8 @@ class CameraModel:
     distortion: F64  # (k,) float64 coefficients; missing ones are zero
 
     def __post_init__(self) -> None:
-        limit = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
-        if self.model not in get_args(DistortionModel):
-            raise CalibrationError(f"distortion model {self.model!r} is not one of {', '.join(limit)}")
+        if self.model not in COEFFICIENTS:
+            raise CalibrationError(f"distortion model {self.model!r} is not one of {', '.join(COEFFICIENTS)}")
         if self.K.shape != (3, 3) or not np.isfinite(self.K).all():
             raise CalibrationError("camera matrix K: expected nine finite numbers")
         if np.any(self.K[[1, 2, 2], [0, 0, 1]]) or self.K[2, 2] != 1:
@@ -59,9 +62,10 @@ class CameraModel:
             )
         if not np.isfinite(self.distortion).all():
             raise CalibrationError("distortion coefficients: expected finite numbers")
-        if len(self.distortion) > limit[self.model] and np.any(self.distortion[limit[self.model] :]):
+        count = COEFFICIENTS[self.model]
+        if np.any(self.distortion[count:]):
             raise CalibrationError(
-                f"distortion model {self.model} has {limit[self.model]} coefficients, found {len(self.distortion)}"
+                f"distortion model {self.model} has {count} coefficients, found {len(self.distortion)}"
             )
         self.K.flags.writeable = False
         self.distortion.flags.writeable = False

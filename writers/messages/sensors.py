@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from lidcam.pipeline.core.camera import COEFFICIENTS
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import MessageError, is_short_memory
 from lidcam.pipeline.core.geometry.transform import Transform
@@ -52,9 +53,6 @@ def image_cdr(message: RawMessage, *, frame_id: str) -> bytes | memoryview:
     return ROS2.serialize(image)
 
 
-_COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
-
-
 def static_transforms(rig: Rig, stamp_ns: int, others: Iterable[Transform] = ()) -> Any:
     """TFMessage from the site frame to every sensor's frame, each child once; the site frame itself needs none.
 
@@ -72,7 +70,7 @@ def static_transforms(rig: Rig, stamp_ns: int, others: Iterable[Transform] = ())
 def camera_info(camera: CameraSensor, stamp_ns: int) -> Any:
     """CameraInfo with the intrinsics that were used, for an image that is not rectified."""
     model = camera.model
-    missing = max(0, _COEFFICIENTS[model.model] - len(model.distortion))
+    missing = max(0, COEFFICIENTS[model.model] - len(model.distortion))
     return ROS2.camera_info(
         stamp_ns,
         camera.T_camera_site.dst,

@@ -10,7 +10,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from lidcam.bags.simulator.scenario.sensors import COEFFICIENTS, CameraScenario, LidarScenario, Metres, Name
+from lidcam.bags.simulator.scenario.sensors import CameraScenario, LidarScenario, Metres, Name
+from lidcam.pipeline.core.camera import COEFFICIENTS
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.settings.bounded_yaml import read_yaml
 from lidcam.pipeline.core.settings.bundled import bundled

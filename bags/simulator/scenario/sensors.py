@@ -7,6 +7,7 @@ import numpy.typing as npt
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
+from lidcam.pipeline.core.camera import COEFFICIENTS, DistortionModel
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.settings.model import Count, NotNegative, Positive, SettingsModel, Share
 
@@ -15,9 +16,6 @@ Vector = tuple[float, float, float]
 Bias = Annotated[float, Field(gt=-0.5, lt=0.5)]
 Topic = Annotated[str, Field(pattern=r"^/[A-Za-z_]\w*(/\w+)*$")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$")]
-
-COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
-"""Number of coefficients of each distortion model in CameraInfo."""
 
 
 class Miscalibration(SettingsModel):
@@ -122,7 +120,7 @@ class CameraScenario(SensorScenario):
     height_px: Count = 480
     focal_px: tuple[Positive, Positive]  # fx and fy
     center_px: tuple[float, float] | None = None  # cx and cy; None for the middle of the image
-    distortion_model: Literal["plumb_bob", "rational_polynomial", "equidistant"] = "plumb_bob"  # as in CameraInfo
+    distortion_model: DistortionModel = "plumb_bob"  # as in CameraInfo
     distortion: tuple[float, ...] = ()  # coefficients in the order of CameraInfo; missing ones are 0
     exposure_ms: NotNegative = 4.0  # the stamp is its middle
     motion_blur: bool = False  # whether motion during the exposure is blurred
