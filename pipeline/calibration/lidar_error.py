@@ -106,10 +106,8 @@ def _error(frames: Sequence[tuple[F64, F64]], origin_site: F64, neighbours: int,
     parts = []
     for reference, points in frames:
         if len(reference) > neighbours and len(points):
-            some, chosen = (
-                reference[:: -(-len(reference) // MAX_REFERENCE_POINTS)],
-                points[:: -(-len(points) // max_points)],
-            )
+            some = reference[:: -(-len(reference) // MAX_REFERENCE_POINTS)]
+            chosen = points[:: -(-len(points) // max_points)]
             parts.append((KdTree(some), some, chosen, np.sqrt(((chosen - origin_site) ** 2).sum(1))))
     values, prior = np.zeros(6), 1 / np.array([ROTATION_SIGMA_RAD] * 3 + [TRANSLATION_SIGMA_M] * 3) ** 2
     for _ in range(STEPS):

@@ -6,10 +6,11 @@ of the track, estimated over many frames, moves each to the time of the image.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Table, check_array
+from lidcam.pipeline.core.arrays import F64, I64, CheckedTable
 from lidcam.pipeline.core.camera import BORDER_PX
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
@@ -23,8 +24,13 @@ STEP_NS = 50_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TrackedPairs(Table):
+class TrackedPairs(CheckedTable):
     """P pairs of a lidar's box and a 2D box of one camera."""
+
+    ROWS: ClassVar = {
+        **{"xyxy": (4,), "centers": (3,), "sizes": (3,), "covariances": (3, 3), "velocities": (2,)},
+        **{"velocity_covariances": (2, 2), "T_camera_site": (4, 4), "own_motion": (6,)},
+    }
 
     xyxy: F64  # (P, 4) float64 left, top, right, bottom of the 2D box, pixels
     centers: F64  # (P, 3) float64 of the lidar's box, metres in the site frame at the frame's time
@@ -39,15 +45,6 @@ class TrackedPairs(Table):
     own_motion: F64  # (P, 6) float64 of the site frame at that time, along and about its axes, m/s and rad/s
     tracks: I64  # (P,) int64 number of the object's track
     stamps_ns: I64  # (P,) int64 time of the image
-
-    def __post_init__(self) -> None:
-        n = len(self.tracks)
-        check_array("xyxy", self.xyxy, (n, 4), np.float64)
-        check_array("centers", self.centers, (n, 3), np.float64)
-        check_array("sizes", self.sizes, (n, 3), np.float64)
-        check_array("T_camera_site", self.T_camera_site, (n, 4, 4), np.float64)
-        check_array("own_motion", self.own_motion, (n, 6), np.float64)
-        check_array("stamps_ns", self.stamps_ns, (n,), np.int64)
 
 
 def tracked_pairs(frame: FrameResult) -> Iterator[tuple[str, TrackedPairs]]:

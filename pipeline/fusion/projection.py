@@ -11,11 +11,11 @@ around the object by a fifth of the radius of the corner and more, on both sides
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
-from typing import NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, Bools, Indices, Rows, Table, check_array
+from lidcam.pipeline.core.arrays import F64, Bools, CheckedTable, Indices, Rows, check_array
 from lidcam.pipeline.core.geometry.box_edges import BOX_EDGES
 from lidcam.pipeline.core.geometry.boxes import UNIT_CORNERS
 from lidcam.pipeline.core.optics.lenses import Lenses
@@ -136,19 +136,15 @@ def _round_points(*, bent: bool) -> tuple[F64, F64, F64]:
 
 
 @dataclass(frozen=True, eq=False)
-class CameraArrays(Table):
+class CameraArrays(CheckedTable):
     """P cameras as arrays, row by row."""
+
+    ROWS: ClassVar = {"rotations": (3, 3), "translations": (3,), "image_sizes": (2,)}
 
     rotations: F64  # (P, 3, 3) float64, site to camera
     translations: F64  # (P, 3) float64, the site's origin in the optical frames, metres
     lenses: Lenses  # P lenses
     image_sizes: F64  # (P, 2) float64 width, height, pixels
-
-    def __post_init__(self) -> None:
-        n = len(self.rotations)
-        check_array("rotations", self.rotations, (n, 3, 3), np.float64)
-        check_array("translations", self.translations, (n, 3), np.float64)
-        check_array("image_sizes", self.image_sizes, (n, 2), np.float64)
 
     @classmethod
     def of(cls, cameras: Sequence[CameraSensor]) -> Self:

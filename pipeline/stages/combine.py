@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, U8, Bools, Indices
+from lidcam.pipeline.core.arrays import F32, U8, Bools, Indices, join_rows
 from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud, Relief
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
@@ -146,13 +146,8 @@ def _joined(clouds: list[PointCloud], stamp_ns: int, site_frame: str) -> PointCl
     """All clouds as one; each has the stamp and the frame already."""
     if len(clouds) == 1:
         return clouds[0]
-    return PointCloud(
-        stamp_ns=stamp_ns,
-        frame_id=site_frame,
-        xyz=np.concatenate([np.zeros((0, 3), np.float32), *(cloud.xyz for cloud in clouds)]),
-        intensity=np.concatenate([np.zeros(0, np.float32), *(cloud.intensity for cloud in clouds)]),
-        ring=np.concatenate([np.zeros(0, np.uint16), *(cloud.ring for cloud in clouds)]),
-        time_offset_ns=np.concatenate([np.zeros(0, np.int32), *(cloud.time_offset_ns for cloud in clouds)]),
+    return replace(
+        join_rows(PointCloud.zeros(stamp_ns=stamp_ns, frame_id=site_frame), *clouds),
         has_time=bool(clouds) and all(cloud.has_time for cloud in clouds),
         nan_dropped=sum(cloud.nan_dropped for cloud in clouds),
         return_type=_return_types(clouds),

@@ -112,14 +112,14 @@ def lines(
     )
 
 
-def labels(texts: Sequence[str], places: F64, rgba: F64, size_px: float = LABEL_PX) -> list[Any]:
+def labels(texts: Sequence[str], places: F64, rgba: F64) -> list[Any]:
     """foxglove_msgs/TextPrimitive at places (N, 3) that face the viewer."""
     return ROS2.rows(
         "foxglove_msgs/msg/TextPrimitive",
         len(texts),
         pose=places_as_poses(places),
         billboard=True,
-        font_size=size_px,
+        font_size=LABEL_PX,
         scale_invariant=True,
         color=colors(np.broadcast_to(rgba, (len(texts), 4))),
         text=[*texts],

@@ -24,7 +24,8 @@ def without_overlaps(boxes: OrientedBoxes, groups: Indices | None = None) -> Ind
         if groups is not None:
             is_other = groups[first] != groups[second]
             first, second = first[is_other], second[is_other]
-        for row, others in _by_row(first, second):
+        rows, starts = np.unique(first, return_index=True)  # they come together
+        for row, others in zip(rows.tolist(), np.split(second, starts[1:]), strict=False):  # of none, one empty part
             kept[row] = not kept[others].any()
     return np.flatnonzero(kept)
 
@@ -63,11 +64,3 @@ def _rivals(boxes: OrientedBoxes) -> Iterator[tuple[Indices, Indices]]:
         shared_m2 = shared_ground(BoxArrays.of(boxes, first), BoxArrays.of(boxes, second))
         is_rival = shared_m2 > OVERLAP_SHARE * np.minimum(ground_m2[first], ground_m2[second])
         yield first[is_rival], second[is_rival]
-
-
-def _by_row(first: Indices, second: Indices) -> Iterator[tuple[int, Indices]]:
-    """The second ones of each first one, which come together."""
-    rows, starts = np.unique(first, return_index=True)
-    yield from zip(
-        rows.tolist(), np.split(second, starts[1:]), strict=False
-    )  # without any, the split is one empty part

@@ -22,17 +22,14 @@ class OrientedBoxes(Protocol):
     @property
     def centers(self) -> F64:
         """(N, 3) centre of the box, metres."""
-        ...
 
     @property
     def sizes(self) -> F64:
         """(N, 3) length, width, height, metres."""
-        ...
 
     @property
     def yaws(self) -> F64:
         """(N,) about +z, radians; any turn."""
-        ...
 
 
 class BoxArrays(NamedTuple):

@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64, Bools, Indices, check_array
-from lidcam.pipeline.core.camera import BORDER_PX, CameraModel
+from lidcam.pipeline.core.camera import BORDER_PX, NEAR_M, CameraModel
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes2D, Hypotheses
 from lidcam.pipeline.core.geometry.boxes import box_corners
@@ -40,9 +40,6 @@ MAX_RANGE_SHARE = 0.97
 
 FREE_CELLS = 1.0
 """Pseudo-count of free cells (smoothing), so that a single point hides nothing entirely."""
-
-NEAR_M = 0.01
-"""Minimum distance of points from the plane of the camera, metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -40,7 +40,6 @@ class MeasuredEdges(Table):
     """P pairs of a 3D box and a 2D box, sorted by the 3D box."""
 
     rows: I64  # (P,) int64 row of the 3D box
-    camera_rows: I64  # (P,) int64 number of the camera, in the order of the views
     cameras: CameraArrays  # P cameras
     xyxy: F64  # (P, 4) float64 left, top, right, bottom of the 2D box, clipped to the image, pixels
     sigma_px: F64  # (P, 4) float64 standard deviation of each edge by itself
@@ -100,7 +99,7 @@ def measured_edges(
     hidden_odds = is_hidden / (1 - is_hidden) * np.sqrt(2 * np.pi) * sigma_px / sides
     sigma_px = np.hypot(sigma_px, depths_px)
     later_s = (stamps_ns - hypotheses.boxes.measured_ns[rows]) * 1e-9
-    return MeasuredEdges(rows, numbers, cameras, xyxy, sigma_px, shift_px, excess_px, hidden_odds, later_s)
+    return MeasuredEdges(rows, cameras, xyxy, sigma_px, shift_px, excess_px, hidden_odds, later_s)
 
 
 def excess_slopes(extent: F64) -> F64:
