@@ -7,13 +7,13 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Indices
-from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Boxes2D, Boxes3D, Matches, Source
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.optics.drawn_edges import draw_edges
+from lidcam.pipeline.core.optics.lenses import may_show
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.tracks import NO_TRACK
 from lidcam.writers.palette import CAMERA_ONLY, MATCHED, Rgb, class_color
@@ -132,7 +132,8 @@ def object_edges(result: FrameResult, cameras: Iterable[str]) -> dict[str, Objec
     objects, views = result.fused.objects, {name: result.views[name] for name in cameras}
     models = [view.model for view in views.values()]
     poses = np.array([view.T_camera_site.matrix[:3] for view in views.values()]).reshape(-1, 3, 4)
-    camera, row = np.nonzero(_may_be_seen(objects, models, poses))
+    radii_m = np.sqrt((objects.sizes**2).sum(1)) / 2
+    camera, row = np.nonzero(may_show(models, _moved(poses, objects.centers[None]), radii_m))
     corners = box_corners(objects.centers, objects.sizes, objects.yaws)
     segments, pairs = draw_edges(models, _moved(poses[camera], corners[row]), camera)
     bounds, rows = np.searchsorted(camera[pairs], np.arange(len(views) + 1)).tolist(), row[pairs]
@@ -148,23 +149,6 @@ def _moved(poses: F64, points: F64) -> F64:
         a, b, c, shift = (poses[:, axis, column, None] for column in range(4))
         moved[..., axis] = a * x + b * y + c * z + shift
     return moved
-
-
-def _may_be_seen(objects: Boxes3D, models: Sequence[CameraModel], poses: F64) -> Bools:
-    """(C, N) whether the sphere around an object reaches into the cone of what a camera may see.
-
-    Args:
-        objects: N objects.
-        models: C cameras.
-        poses: (C, 3, 4) from the site frame to their optical frames.
-    """
-    centers = _moved(poses, objects.centers[None])
-    radii = np.sqrt((objects.sizes**2).sum(1)) / 2
-    distances = np.sqrt((centers**2).sum(2))
-    aside = np.arctan2(np.hypot(centers[..., 0], centers[..., 1]), centers[..., 2])
-    reach = np.arcsin(np.minimum(radii / np.maximum(distances, radii), 1.0))
-    angles = np.array([model.view_angle_rad for model in models]).reshape(-1, 1)
-    return np.asarray((distances <= radii) | (aside - reach <= angles))
 
 
 class DrawnBoxes2D(NamedTuple):
@@ -220,8 +204,6 @@ def labels_in_the_clear(places: F64, sizes: F64, importance: F64) -> list[int]:
         sizes: (N, 2) width and height.
         importance: (N,) of two that would cover each other, the more important one stays.
     """
-    if len(places) < 2:
-        return list(range(len(places)))
     apart = np.asarray((np.abs(places[:, None] - places) > (sizes[:, None] + sizes) / 2).any(2))
     rows, is_free = [], np.ones(len(places), bool)
     for row in np.argsort(-importance, kind="stable").tolist():

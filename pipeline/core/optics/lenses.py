@@ -17,6 +17,19 @@ from lidcam.pipeline.core.geometry.box_edges import edge_samples
 from lidcam.pipeline.native.kernels import pixels_of_points, rays_of_pixels
 
 
+def may_show(models: Sequence[CameraModel], centers_camera: F64, radii_m: F64) -> Bools:
+    """(C, N) whether spheres reach into the cones of what C cameras may show.
+
+    Spheres have centres (C, N, 3) in the optical frames and radii (N,), metres.
+    """
+    x, y, z = np.moveaxis(centers_camera, -1, 0)
+    range_m = np.sqrt(x * x + y * y + z * z)
+    reach = np.where(range_m > radii_m, np.arcsin(radii_m / np.maximum(np.maximum(range_m, radii_m), 1e-9)), np.pi)
+    aside = np.arctan2(np.sqrt(x * x + y * y), z)
+    angles_rad = np.array([model.view_angle_rad for model in models]).reshape(-1, 1)
+    return np.asarray((z + radii_m > NEAR_M) & (aside - reach < angles_rad))
+
+
 @dataclass(frozen=True, eq=False)
 class Lenses(CheckedTable):
     """Intrinsics of P cameras, row by row."""

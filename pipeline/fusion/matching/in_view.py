@@ -16,6 +16,7 @@ from lidcam.pipeline.core.camera import NEAR_M
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.errors import FrameError
 from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.optics.lenses import may_show
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.fusion.found import pairs_of_images
 from lidcam.pipeline.fusion.projection import CameraArrays, cuboid_outline, project_edges
@@ -62,7 +63,7 @@ def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: Ca
     centers_camera = boxes.centers @ arrays.rotations.swapaxes(1, 2) + arrays.translations[:, None]
     radii_m = np.sqrt((boxes.sizes**2).sum(1)) / 2
     if arrays.lenses.bends:
-        near = _in_cones(centers_camera, radii_m, np.array([view.model.view_angle_rad for view in views]))
+        near = may_show([view.model for view in views], centers_camera, radii_m)
     else:
         near = _in_pyramids(centers_camera, radii_m, arrays)
     cameras, rows = (np.ascontiguousarray(pairs) for pairs in near.nonzero())
@@ -76,11 +77,10 @@ def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: Ca
     if len(cut):  # boxes beside the camera: cut edges, without derivatives
         jacobian[cut] = 0.0
         xyxy[cut] = _cut_rectangles(box_corners(*(array[cut] for array in placed)), arrays.select(cameras[cut]))
-    shown = (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1])
-    if not shown.all():
-        cameras, rows, xyxy, jacobian = cameras[shown], rows[shown], xyxy[shown], jacobian[shown]
     ranges_m = np.sqrt((centers_camera[cameras, rows] ** 2).sum(1))
-    return InView(cameras, rows, xyxy.astype(np.float32), jacobian, ranges_m)
+    seen = InView(cameras, rows, xyxy.astype(np.float32), jacobian, ranges_m)
+    shown = (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1])
+    return seen if shown.all() else seen.select(shown)
 
 
 def hidden_parts(boxes: Boxes3D, seen: InView, positions_site: F64) -> tuple[F32, F32, F32]:
@@ -185,15 +185,6 @@ def _cut_rectangles(corners: F64, cameras: CameraArrays) -> F32:
     """(P, 4) rectangles around boxes that may reach behind the camera, as `CameraModel.project_boxes`."""
     ahead = corners @ cameras.rotations.swapaxes(1, 2) + cameras.translations[:, None]
     return cameras.lenses.rectangles_of_boxes(ahead, cameras.image_sizes).astype(np.float32)
-
-
-def _in_cones(centers_camera: F64, radii_m: F64, angles_rad: F64) -> Bools:
-    """(C, N) whether the sphere around each box reaches into the view cone of a camera."""
-    x, y, z = np.moveaxis(centers_camera, -1, 0)
-    range_m = np.sqrt(x * x + y * y + z * z)
-    reach = np.where(range_m > radii_m, np.arcsin(radii_m / np.maximum(np.maximum(range_m, radii_m), 1e-9)), np.pi)
-    aside = np.arctan2(np.sqrt(x * x + y * y), z)
-    return np.asarray((z + radii_m > NEAR_M) & (aside - reach < angles_rad[:, None]))
 
 
 def _in_pyramids(centers_camera: F64, radii_m: F64, arrays: CameraArrays) -> Bools:
