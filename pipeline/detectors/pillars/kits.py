@@ -5,7 +5,7 @@ intensities. This module converts both to that scale, starting from the ground t
 """
 
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -66,22 +66,18 @@ class KitSpecs(SettingsModel):
     intensity_max: NotNegative  # The highest intensity in its data
 
 
-class KitPoints(NamedTuple):
-    """The N points within a grid, sorted by pillar, and in the order of the cloud within a pillar."""
-
-    columns: dict[Feature, F64]  # (N,) float64 values of each `Feature`
-    pillar: I64  # (N,) row of each point's pillar times the number of columns, plus its column
-    starts: I64  # (P,) first point of each pillar that has points
-    counts: I64  # (P,) number of its points
-
-
-def kit_points(position: F64, intensity: F32, specs: KitSpecs) -> KitPoints:
-    """All features that a kit may use of points.
+def kit_pillars(position: F64, intensity: F32, specs: KitSpecs) -> tuple[F32, I64]:
+    """The features that a kit uses of the points within its grid.
 
     Args:
         position: (N, 3) x and y from the middle of the lidars, and height above the ground, metres.
         intensity: (N,) from 0 to 1.
         specs: Specs of the network.
+
+    Returns:
+        (R, F) float32 features of points, sorted by pillar, and in the order of the cloud within a pillar; then a row
+        of zeros per pillar that is not full. And (R, 1) the pillar of each: its row times the number of columns, plus
+        its column.
     """
     grid = specs.grid
     xyz = position + np.array([0.0, 0.0, specs.ground_z_m])
@@ -108,15 +104,10 @@ def kit_points(position: F64, intensity: F32, specs: KitSpecs) -> KitPoints:
         (("dx_cell", "dy_cell", "dz_cell"), xyz - (middle + grid.low_m)),
     )
     columns |= {name: part[:, axis] for names, part in named for axis, name in enumerate(names)}
-    return KitPoints(columns, pillar, starts.astype(np.int64), counts.astype(np.int64))
-
-
-def kit_pillars(points: KitPoints, specs: KitSpecs) -> tuple[F32, I64]:
-    """(R, F) float32 features of points, then a row of zeros per pillar that is not full; and (R, 1) their pillars."""
-    features = np.column_stack([points.columns[name] for name in specs.features])
-    empty = points.pillar[points.starts[points.counts < specs.max_points]]
+    features = np.column_stack([columns[name] for name in specs.features])
+    empty = pillar[starts[counts < specs.max_points]]
     features = np.concatenate([features, np.zeros((len(empty), len(specs.features)))])
-    return features.astype(np.float32), np.append(points.pillar, empty)[:, None]
+    return features.astype(np.float32), np.append(pillar, empty)[:, None]
 
 
 class KitNetwork:
@@ -146,10 +137,10 @@ class KitNetwork:
         Raises:
             ModelError: the network fails.
         """
-        points, kinds = kit_points(position, intensity, self.specs), len(self.classes)
+        inputs, kinds = kit_pillars(position, intensity, self.specs), len(self.classes)
         boxes, log_odds = np.zeros((0, 8), np.float32), np.zeros((0, kinds), np.float32)
-        if len(points.pillar):
-            boxes, log_odds = self._session.run(dict(zip(KIT_INPUTS, kit_pillars(points, self.specs), strict=True)), 1)
+        if len(inputs[1]):
+            boxes, log_odds = self._session.run(dict(zip(KIT_INPUTS, inputs, strict=True)), 1)
         shapes = (len(boxes), 8), (len(boxes), kinds)
         if (boxes.shape, log_odds.shape) != shapes or not (np.isfinite(boxes).all() and np.isfinite(log_odds).all()):
             raise ModelError(f"{self._path}: expected finite numbers (K, 8) and (K, {kinds}), found others")

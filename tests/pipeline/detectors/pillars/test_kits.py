@@ -18,7 +18,7 @@ from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.detectors.pillars.detector import PillarPoints
-from lidcam.pipeline.detectors.pillars.kits import KEY, KitSpecs, kit_pillars, kit_points
+from lidcam.pipeline.detectors.pillars.kits import KEY, KitSpecs, kit_pillars
 
 CAR: Box = (8.2, -3.1, 0.8, 4.2, 1.75, 1.5, 2.5)
 LIDAR = (0.0, 0.0, 1.8)
@@ -112,7 +112,7 @@ def test_features_of_points() -> None:
     )
     intensity = np.array([0.2, 1, 0, 0.5, 0.5, 0.5, 0.5], np.float32)
     specs = KitSpecs.model_validate(SPECS)
-    features, pillar = kit_pillars(kit_points(position, intensity, specs), specs)
+    features, pillar = kit_pillars(position, intensity, specs)
     assert features.dtype == np.float32
     assert pillar.tolist() == [[32 * 32 + 8], [33 * 32 + 2], [33 * 32 + 2], [32 * 32 + 8]]
     expected = [
@@ -123,4 +123,4 @@ def test_features_of_points() -> None:
     ]
     np.testing.assert_allclose(features, expected, atol=1e-6)
     anywhere = specs.model_copy(update={"max_points": 0})
-    assert len(kit_pillars(kit_points(position, intensity, anywhere), anywhere)[1]) == 3
+    assert len(kit_pillars(position, intensity, anywhere)[1]) == 3
