@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Bools
+from lidcam.pipeline.core.arrays import F64, I64, Bools, select_rows
 from lidcam.pipeline.core.detections import Fused
 from lidcam.pipeline.core.geometry.polygons import first_polygon_with
 from lidcam.pipeline.core.rig import Zone, ZoneUse
@@ -31,8 +31,6 @@ def select_by_zones(fused: Fused, zones: Sequence[Zone]) -> Fused:
     """The reported objects, with the number of others by reason."""
     centers = fused.objects.centers
     kept = is_reported(centers, zones)
-    if kept.all():
-        return fused
     left_out = dict(fused.left_out)
     ignored = _rows_in(centers, zones, "ignore")
     names = [f"in zone {zone.name} of use ignore" for zone in zones if zone.use == "ignore"]
@@ -40,15 +38,7 @@ def select_by_zones(fused: Fused, zones: Sequence[Zone]) -> Fused:
     for row, count in enumerate(np.bincount(ignored[~kept] + 1, minlength=len(reasons)).tolist()):
         if count:
             left_out[reasons[row]] = left_out.get(reasons[row], 0) + count
-    rows = np.flatnonzero(kept)
-    return replace(
-        fused,
-        objects=fused.objects.select(rows),
-        matched=fused.matched[rows],
-        rows=fused.rows[rows],
-        left_out=left_out,
-        tracks=None if fused.tracks is None else fused.tracks.select(rows),
-    )
+    return replace(select_rows(fused, kept), left_out=left_out)
 
 
 def _rows_in(centers: F64, zones: Sequence[Zone], use: ZoneUse) -> I64:

@@ -47,8 +47,7 @@ class Refine:
         in_view = are_in_view(boxes, edges, outline)
         if not in_view.any():
             return hypotheses
-        if not in_view.all():
-            edges, outline = edges.select(in_view), outline.select(in_view)
+        edges, outline = edges.select(in_view), outline.select(in_view)
         is_first = first_of_runs(edges.rows)
         objects = edges.rows[is_first]
         chosen, edges = boxes.select(objects), replace(edges, rows=np.cumsum(is_first) - 1)

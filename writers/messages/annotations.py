@@ -54,8 +54,6 @@ def image_annotations(drawn: DrawnObjects, camera: CameraSensor, edges: ObjectEd
 def _objects(drawn: DrawnObjects, edges: ObjectEdges, line_px: float, time: Any) -> list[Any]:
     """The edges of each object in an image."""
     segments, of_piece = edges
-    if not len(of_piece):
-        return []
     pieces = np.bincount(of_piece)  # they come object after object
     rows = np.flatnonzero(pieces)
     alphas = np.where(drawn.strong & ~drawn.predicted, 1.0, _FAINT_ALPHA)
@@ -65,13 +63,10 @@ def _objects(drawn: DrawnObjects, edges: ObjectEdges, line_px: float, time: Any)
 
 
 def _rectangles(boxes: DrawnBoxes2D, line_px: float, time: Any) -> list[Any]:
-    n = len(boxes.labels)
-    if not n:
-        return []
     corners, rgb = boxes.xyxy[:, _CORNERS].reshape(-1, 2), np.array(boxes.colors).reshape(-1, 3)
     matched, rgba = boxes.are_matched, opaque(rgb)
     rgba[matched, 3] = _BEHIND_ALPHA
-    return _lines(_LINE_LOOP, corners, np.full(n, 4), rgba, line_px * np.where(matched, 0.5, 1.0), time)
+    return _lines(_LINE_LOOP, corners, np.full(len(boxes.labels), 4), rgba, line_px * np.where(matched, 0.5, 1.0), time)
 
 
 def _lines(kind: int, points: F32, counts: I64, rgba: F64, thickness_px: F64, time: Any) -> list[Any]:
@@ -89,7 +84,7 @@ def _lines(kind: int, points: F32, counts: I64, rgba: F64, thickness_px: F64, ti
 def _texts(camera: CameraSensor, boxes: DrawnBoxes2D, time: Any) -> list[Any]:
     """The labels in an image."""
     letters_px = min(camera.model.width_px, camera.model.height_px) * LABEL_SHARE
-    found = [*_label_places(boxes, camera, letters_px)] if boxes.labels else []
+    found = [*_label_places(boxes, camera, letters_px)]
     return ROS2.rows(
         "foxglove_msgs/msg/TextAnnotation",
         len(found),

@@ -145,8 +145,6 @@ def _hidden_edges(cameras: I64, xyxy: F64) -> Bools:
     rows, others = pairs_of_images(cameras, cameras)
     is_nearer = xyxy[others, 3] > xyxy[rows, 3] + MIN_LOWER_SHARE * (xyxy[rows, 3] - xyxy[rows, 1])
     hidden = np.zeros(xyxy.shape, np.bool_)
-    if not is_nearer.any():
-        return hidden
     rows, others = rows[is_nearer], others[is_nearer]
     left, top, right, bottom = xyxy[rows].T
     other_left, other_top, other_right, other_bottom = xyxy[others].T

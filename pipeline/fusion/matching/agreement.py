@@ -76,14 +76,11 @@ def feature_jacobian(xyxy: F32, jacobian: F64) -> F64:
 
 def prior_covariances(boxes: Boxes3D) -> F64:
     """(N, 3, 3) covariances of the boxes, guessed by their size where unknown."""
-    known = boxes.covariances
-    unknown = (known == 0).all((1, 2))
-    if unknown.any():
-        guess = np.zeros((len(boxes), 3, 3))
-        guess[:, 0, 0] = guess[:, 1, 1] = (UNKNOWN_SIGMA * boxes.sizes[:, :2].mean(1)) ** 2
-        guess[:, 2, 2] = UNKNOWN_YAW_SIGMA_RAD**2
-        known = np.where(unknown[:, None, None], guess, known)
-    return np.asarray(known + np.diag(MIN_SIGMAS) ** 2)
+    guess = np.zeros((len(boxes), 3, 3))
+    guess[:, 0, 0] = guess[:, 1, 1] = (UNKNOWN_SIGMA * boxes.sizes[:, :2].mean(1)) ** 2
+    guess[:, 2, 2] = UNKNOWN_YAW_SIGMA_RAD**2
+    is_known = (boxes.covariances != 0).any((1, 2), keepdims=True)
+    return np.asarray(np.where(is_known, boxes.covariances, guess) + np.diag(MIN_SIGMAS) ** 2)
 
 
 def spread(covariances: F64, jacobians: F64) -> F64:

@@ -89,16 +89,14 @@ def known_covariances(boxes: Boxes3D, lidar_xy: F64) -> F64:
         boxes: N boxes.
         lidar_xy: (L, 2) positions of the lidars, metres; there may be none.
     """
-    is_known = (boxes.covariances != 0).any((1, 2))
-    if is_known.all():
-        return boxes.covariances
+    is_known = (boxes.covariances != 0).any((1, 2), keepdims=True)
     length, width = boxes.sizes[:, :2].max(1), boxes.sizes[:, :2].min(1)
     range_m = np.linalg.norm(boxes.centers[:, None, :2] - lidar_xy, axis=2).min(1) if len(lidar_xy) else 0.0
     elongation = ((length / width - 1) / (MIN_ELONGATION - 1)).clip(0.0, 1.0)
     guess = np.zeros(boxes.covariances.shape)
     guess[:, 0, 0] = guess[:, 1, 1] = (UNKNOWN_SIGMA * width + UNKNOWN_SIGMA_PER_M * range_m) ** 2
     guess[:, 2, 2] = (SQUARE_YAW_SIGMA_RAD + elongation * (LONG_YAW_SIGMA_RAD - SQUARE_YAW_SIGMA_RAD)) ** 2
-    return np.where(is_known[:, None, None], boxes.covariances, guess)
+    return np.where(is_known, boxes.covariances, guess)
 
 
 def box_prior(boxes: Boxes3D, lidar_xyz: F64, config: FuseConfig) -> BoxPrior:

@@ -293,8 +293,7 @@ def with_turned(boxes: Boxes3D, edges: MeasuredEdges) -> tuple[Boxes3D, Measured
     numbers = np.arange(len(boxes))
     is_long = boxes.sizes[:, 0] > MIN_ELONGATION * boxes.sizes[:, 1]
     is_unknown = is_long & (boxes.covariances[:, 2, 2] > MAX_YAW_SIGMA_RAD**2)
-    if is_unknown.any():
-        is_unknown &= np.bincount(edges.rows, minlength=len(boxes)) > 0
+    is_unknown &= np.bincount(edges.rows, minlength=len(boxes)) > 0
     unknown = np.flatnonzero(is_unknown)
     if not len(unknown):
         return boxes, edges, numbers
@@ -324,8 +323,6 @@ def better_turned(objects: I64, found: RefinedBoxes, turned_of: I64) -> Bools:
     """
     stands_for = turned_of[objects]
     is_turned = stands_for != objects
-    if not is_turned.any():
-        return np.ones(len(objects), np.bool_)
     costs = np.where(found.accepted, found.costs + TURNED_COST * is_turned, np.inf)
     order = np.lexsort((objects, costs, stands_for))
     better = np.zeros(len(objects), np.bool_)
