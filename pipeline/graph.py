@@ -146,15 +146,17 @@ class Graph(Generic[F]):
     def run(self, sink: Node[R], frames: Iterable[F]) -> Generator[R, None, None]:
         """The sink's value for each frame, in order, one stage after another."""
         for frame in frames:
-            values: dict[Node[Any], Any] = {self.frame: frame}
-            self.evaluate(self.nodes, frame, values)
-            yield values[sink]
+            yield self.evaluate(self.nodes, frame)[sink]
 
-    def evaluate(self, nodes: Sequence[Node[Any]], frame: F, values: dict[Node[Any], Any]) -> None:
-        """Call some stages for a frame, in order: they read `values` by stage, and their outputs are added there."""
+    def evaluate(
+        self, nodes: Sequence[Node[Any]], frame: F, known: Iterable[tuple[Node[Any], Any]] = ()
+    ) -> dict[Node[Any], Any]:
+        """The outputs by stage, when some stages are called for a frame, in order; those of others may be known."""
+        values: dict[Node[Any], Any] = {self.frame: frame, **dict(known)}
         for node in nodes:
             with self.stage(node.name, frame, timed=node.timed):
                 values[node] = node.fn(*(values[one] for one in node.inputs))
+        return values
 
     def parts(self, sink: Node[Any]) -> Parts:
         """The stages by whether they may see the frames in any order, for a run that yields the sink's values."""

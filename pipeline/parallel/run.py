@@ -238,9 +238,8 @@ class _Run(Generic[F]):
 
     def _work_on(self, task: _Task[F]) -> None:
         task.is_taken, started = True, time.perf_counter()
-        values: dict[Node[Any], Any] = {self._graph.frame: task.frame}
         try:
-            self._graph.evaluate(self._parts.free, task.frame, values)
+            values = self._graph.evaluate(self._parts.free, task.frame)
             task.outcome = Answer(task.number, tuple(values[node] for node in self._parts.handed), {})
         except Exception as err:
             task.outcome, self._is_ended = err, True
@@ -264,7 +263,5 @@ class _Run(Generic[F]):
             handed = answer.outcome
         finally:
             del answer  # see `results`
-        values: dict[Node[Any], Any] = {self._graph.frame: task.frame}
-        values.update(zip(self._parts.handed, handed, strict=True))
-        self._graph.evaluate(self._parts.ordered, task.frame, values)
-        return values[self._sink]
+        known = zip(self._parts.handed, handed, strict=True)
+        return self._graph.evaluate(self._parts.ordered, task.frame, known)[self._sink]

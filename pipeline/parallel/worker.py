@@ -170,10 +170,9 @@ def _work(inbox: SimpleQueue[object], outbox: SimpleQueue[Ready | Answer], stage
 
     def answer(question: Question) -> Answer:
         graph.seconds = dict.fromkeys(graph.seconds, 0.0)
-        values = {graph.frame: question.frame}
         outcome: tuple[Any, ...] | Failure
         try:
-            graph.evaluate(free, question.frame, values)
+            values = graph.evaluate(free, question.frame)
             outcome = tuple(values[node] for node in handed)
         except Exception as err:
             outcome = Failure.of(err)
