@@ -188,52 +188,45 @@ def _read_yolox(rows: F32, *, size_px: Size, min_score: float, is_in_pixels: boo
     return Candidates2D(_corners_of(centers, sizes), rows[:, 4] * scores, labels)
 
 
-def _read_yolov5(rows: F32, *, size_px: Size, min_score: float) -> Candidates2D:
+def _read_yolov5(rows: F32, *, min_score: float, **_: object) -> Candidates2D:
     """YOLOv5, YOLOv6, YOLOv7: (A, 5 + C), rows of centre and size in pixels, objectness, C scores."""
-    del size_px
     rows = rows[rows[:, 4] >= min_score]
     scores, labels = _best_class(rows[:, 5:])
     return Candidates2D(_corners_of(rows[:, :2], rows[:, 2:4]), rows[:, 4] * scores, labels)
 
 
-def _read_yolov8(columns: F32, *, size_px: Size, min_score: float) -> Candidates2D:
+def _read_yolov8(columns: F32, *, min_score: float, **_: object) -> Candidates2D:
     """YOLOv8, YOLOv9, YOLO11, YOLO12: (4 + C, A), columns of centre and size in pixels, C scores."""
-    del size_px
     rows = columns[:, columns[4:].max(0) >= min_score].T
     return Candidates2D(_corners_of(rows[:, :2], rows[:, 2:4]), *_best_class(rows[:, 4:]))
 
 
-def _read_end_to_end(rows: F32, *, size_px: Size, min_score: float) -> Candidates2D:
+def _read_end_to_end(rows: F32, **_: object) -> Candidates2D:
     """YOLOv10, YOLO26, exports with `nms=True`: (K, 6), rows of left, top, right, bottom in pixels, score, class."""
-    del size_px, min_score
     return _listed(rows[:, :4], rows[:, 4], rows[:, 5])
 
 
-def _read_rtdetr(rows: F32, *, size_px: Size, min_score: float) -> Candidates2D:
+def _read_rtdetr(rows: F32, *, size_px: Size, **_: object) -> Candidates2D:
     """RT-DETR as Ultralytics exported it up to 8.3: (Q, 4 + C), rows of centre and size in shares, C scores."""
-    del min_score
     return Candidates2D(_in_pixels(rows[:, :4], size_px), *_best_class(rows[:, 4:]))
 
 
-def _read_rtdetr_listed(rows: F32, *, size_px: Size, min_score: float) -> Candidates2D:
+def _read_rtdetr_listed(rows: F32, *, size_px: Size, **_: object) -> Candidates2D:
     """RT-DETR as Ultralytics exports it since 8.4: (K, 6), rows of centre and size in shares, score, class."""
-    del min_score
     return _listed(_in_pixels(rows[:, :4], size_px), rows[:, 4], rows[:, 5])
 
 
-def _read_detr(boxes: F32, logits: F32, *, size_px: Size, min_score: float) -> Candidates2D:
+def _read_detr(boxes: F32, logits: F32, *, size_px: Size, **_: object) -> Candidates2D:
     """RT-DETR, D-FINE, RF-DETR: centre and size in shares (Q, 4), and log odds of the classes (Q, C)."""
-    del min_score
     scores = np.asarray(1 / (1 + np.exp(-logits)), np.float32)
     return Candidates2D(_in_pixels(boxes, size_px), *_best_class(scores))
 
 
-def _read_dfine(labels: Array, boxes: F32, scores: F32, *, size_px: Size, min_score: float) -> Candidates2D:
+def _read_dfine(labels: Array, boxes: F32, scores: F32, **_: object) -> Candidates2D:
     """RT-DETRv2, D-FINE and DEIM with their post-processing: classes (K,), boxes (K, 4), scores (K,).
 
     Boxes are left, top, right, bottom in pixels of the size that is given as a second input.
     """
-    del size_px, min_score
     return _listed(boxes, scores, labels)
 
 
