@@ -114,15 +114,11 @@ def _compared(first: LidarSensor, second: LidarSensor, frames: Sequence[tuple[F6
     estimate = partial(lidar_error, origin_site=second.T_site_lidar.translation)
     error = estimate(frames)
     if error is not None and error.significant.any() and len(frames) > 1:
-        for one in (estimate([frame]) for frame in frames):
-            if one is not None and (_distances(one, error)[error.significant] > SIGNIFICANT_SIGMAS).any():
+        for one in filter(None, (estimate([frame]) for frame in frames)):
+            distances = np.abs(one.values - error.values) / np.hypot(one.sigmas, error.sigmas)
+            if (distances[error.significant] > SIGNIFICANT_SIGMAS).any():
                 return LidarPair(first, second, None)
     return LidarPair(first, second, error)
-
-
-def _distances(one: LidarError, other: LidarError) -> F64:
-    """(6,) distances of two errors, in standard deviations."""
-    return np.asarray(np.abs(one.values - other.values) / np.hypot(one.sigmas, other.sigmas))
 
 
 def _shared(rows: I64, values: F64, covariances: F64, sigma: float, count: int, fixed: Sequence[int]) -> F64:

@@ -19,5 +19,5 @@ def likely_boxes(combined: CombinedCloud, site_frame: str, found: Candidates3D, 
     order = order[found.class_ids[order] >= 0]
     limits = np.asarray(min_scores) if np.ndim(min_scores) == 0 else np.asarray(min_scores)[found.class_ids[order]]
     order = order[found.scores[order] >= limits]
-    order = order[without_overlaps(BoxArrays(found.centers[order], found.sizes[order], found.yaws[order]))]
+    order = order[without_overlaps(BoxArrays.of(found, order))]
     return found.as_boxes(order, combined.detection_cloud.stamp_ns, site_frame, Source.LIDAR)

@@ -90,16 +90,12 @@ class Associate:
         ranked = boxes3d.select(rows3d)
         seen = project_into_views(ranked, cameras, arrays)
         hidden, rest, depths = hidden_parts(ranked, seen, arrays.positions)
-        found = self._found_boxes(boxes2d, arrays)
+        found = FoundBoxes.of(boxes2d, self._names)
+        limits = arrays.limits.astype(np.float32).take(found.cameras, 0)
+        found = replace(found, xyxy=found.xyxy.clip(0, limits))  # as the projected ones are
         pairs = near_pairs(seen.xyxy, seen.cameras, found.xyxy, found.cameras, min_giou=MIN_GIOU)
         taken = self._taken(ranked, seen, (hidden, rest), found, pairs, arrays)
         return self._matches(rows3d, seen, (hidden, depths), found, pairs.select(taken))
-
-    def _found_boxes(self, boxes2d: Mapping[str, Boxes2D], arrays: CameraArrays) -> FoundBoxes:
-        """The 2D boxes, clipped to the images: detected ones may reach beyond them, projected ones do not."""
-        found = FoundBoxes.of(boxes2d, self._names)
-        limits = arrays.limits.astype(np.float32).take(found.cameras, 0)
-        return replace(found, xyxy=found.xyxy.clip(0, limits))
 
     def _matches(
         self, rows3d: Indices, seen: InView, hiding: tuple[F32, F32], found: FoundBoxes, pairs: Pairs

@@ -11,7 +11,6 @@ from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.geometry.overlaps import without_overlaps
 from lidcam.pipeline.core.geometry.regions import points_in_footprints
-from lidcam.pipeline.core.geometry.rotated_iou import BoxArrays
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.engines import ENGINES
@@ -88,8 +87,7 @@ class Recorded3D:
         groups = np.repeat(np.arange(len(parts)), [len(part) for part in parts]).astype(np.intp)
         order = np.lexsort((groups, boxes.centers[:, 1], boxes.centers[:, 0], -boxes.scores))
         ordered = boxes.select(order)
-        kept = without_overlaps(BoxArrays(ordered.centers, ordered.sizes, ordered.yaws), groups[order])
-        return ordered.select(kept)
+        return ordered.select(without_overlaps(ordered, groups[order]))
 
 
 def _detector(rig: Rig, config: Config) -> Detector3D:

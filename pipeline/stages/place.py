@@ -59,7 +59,7 @@ class Place:
         stamp_ns = combined.cloud.stamp_ns
         if not len(sightings):
             none = np.zeros(0, np.int64)
-            return Placed(Boxes3D.empty(stamp_ns, self._site_frame), sightings, none, Placements.empty(), out_of_view)
+            return Placed(Boxes3D.empty(stamp_ns, self._site_frame), sightings, none, Placements.zeros(), out_of_view)
         ground_m = partial(combined.ground_m, level_m=self._ground_height_m)
         placements = place(sightings, self._priors, ground_m, self._noise)
         objects, merged = merge_sightings(placements, sightings.cameras, sightings.class_ids)

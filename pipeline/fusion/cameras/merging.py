@@ -82,9 +82,9 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
         (P,) the object of each sighting, numbered by first sighting; placements of the objects.
     """
     count = len(cameras)
-    # The row of an object's first sighting holds its placement by the cameras so far.
-    known, (mean_xy, spread) = placements.copy(), mean_places(placements)
     first, is_first = np.arange(count), np.ones(count, np.bool_)
+    # A copy: the row of an object's first sighting holds its placement by the cameras so far.
+    known, (mean_xy, spread) = placements.select(first), mean_places(placements)
     _, *starts = *first_of_runs(cameras).nonzero()[0].tolist(), count
     for start, end in itertools.pairwise(starts):  # all of the first camera are new
         objects, new = is_first[:start].nonzero()[0], np.arange(start, end)

@@ -9,7 +9,7 @@ of each heading. The unknown is the logarithm of the range, in which perspective
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -74,19 +74,11 @@ class SizePriors(NamedTuple):
 class Placements(Table):
     """Positions of P objects, for each of the H `HEADINGS`."""
 
+    ROWS: ClassVar = {"xy": (len(HEADINGS), 2), "covariances": (len(HEADINGS), 2, 2), "log_weights": (len(HEADINGS),)}
+
     xy: F64  # (P, H, 2) float64 centre, metres in the site frame
     covariances: F64  # (P, H, 2, 2) float64, m^2
     log_weights: F64  # (P, H) float64 log likelihood of each heading; not normalised
-
-    @classmethod
-    def empty(cls) -> "Placements":
-        """No objects."""
-        h = len(HEADINGS)
-        return cls(np.zeros((0, h, 2)), np.zeros((0, h, 2, 2)), np.zeros((0, h)))
-
-    def copy(self) -> "Placements":
-        """A copy with its own arrays."""
-        return Placements(self.xy.copy(), self.covariances.copy(), self.log_weights.copy())
 
 
 class Placed(NamedTuple):
@@ -132,22 +124,14 @@ class _Shape(NamedTuple):
 
 
 class _Fit(NamedTuple):
-    """The fit of the ranges of P objects to their 2D boxes under each of H headings.
+    """The fit of the ranges of P objects to their 2D boxes under each of H headings."""
 
-    Attributes:
-        step: (P, H) change of the range's logarithm.
-        information: (P, H) of that logarithm.
-        squared: (P, H) squared error in standard deviations.
-        variances: (P, H) product of the variances.
-        left, right: (P, H) bearings of the outermost corners from the ray to the centre, radians.
-    """
-
-    step: F64
-    information: F64
-    squared: F64
-    variances: F64
-    left: F64
-    right: F64
+    step: F64  # (P, H) change of the range's logarithm
+    information: F64  # (P, H) of that logarithm
+    squared: F64  # (P, H) squared error in standard deviations
+    variances: F64  # (P, H) product of the variances
+    left: F64  # (P, H) bearing of the leftmost corner from the ray to the centre, radians
+    right: F64  # (P, H) the same of the rightmost corner
 
 
 def place(sightings: Sightings, priors: SizePriors, ground_m: Callable[[F64], F64], noise: Noise) -> Placements:

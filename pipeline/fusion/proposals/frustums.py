@@ -12,6 +12,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F32, F64, I64, Table, first_of_runs
 from lidcam.pipeline.core.geometry.regions import points_in_regions
 from lidcam.pipeline.detectors.cluster.clusters import HEIGHT_WEIGHT, cluster_points, thin_points
+from lidcam.pipeline.detectors.cluster.fitting import THIN_SHARE
 from lidcam.pipeline.fusion.cameras.sightings import Sightings
 
 SIDE_MARGIN = 0.03
@@ -19,9 +20,6 @@ SIDE_MARGIN = 0.03
 
 FRUSTUM_SPACING_M = 1e4
 """Spacing of the frustums, so that all are linked at once and none to another, metres."""
-
-THIN_SHARE = 0.2
-"""Size of the cells in which points are thinned before linking, as a share of the link distance."""
 
 MIN_FILL = 0.1
 """Minimum share of the 2D box that a segment fills: its width times its height."""

@@ -48,7 +48,6 @@ class ApproximateTime(Generic[T]):
         self._overflowed = [False] * topic_count
         self._candidate: _Candidate | None = None
         self._queue_size = queue_size
-        self._delay_weight = 1 + AGE_PENALTY
         self._max_interval_ns = max_interval_ns
         self._on_drop = on_drop
 
@@ -133,7 +132,7 @@ class ApproximateTime(Generic[T]):
 
     def _weighted_delay_ns(self, candidate: _Candidate, end_ns: int) -> int:
         """How much later than the candidate a set ends, with the age penalty, in whole nanoseconds as in ROS."""
-        return math.floor((end_ns - candidate.end_ns) * self._delay_weight + 0.5)
+        return math.floor((end_ns - candidate.end_ns) * (1 + AGE_PENALTY) + 0.5)
 
     def _some_topic_has_none_ahead(self) -> bool:
         return any(len(queue) == cursor for queue, cursor in zip(self._queues, self._cursors, strict=True))

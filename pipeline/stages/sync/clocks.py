@@ -122,7 +122,7 @@ class Clocks:
             if _lacks_stamp(message):
                 found = self._unstamped(clock, message)
             else:
-                found = self._stamped(clock, _shifted(message, clock.offset_ns))
+                found = self._stamped(clock, message._replace(stamp_ns=message.stamp_ns - clock.offset_ns))
             for good in found:
                 yield self._part, good
         yield from self._released()
@@ -255,10 +255,6 @@ def _not_a_time(message: RawMessage, offset_ns: int) -> Drop | None:
 def _lacks_stamp(message: RawMessage) -> bool:
     """Whether a stamp of 0 means none: simulated time begins at 0."""
     return message.stamp_ns == 0 and message.log_time_ns > JUMP_NS
-
-
-def _shifted(message: RawMessage, offset_ns: int) -> RawMessage:
-    return message._replace(stamp_ns=message.stamp_ns - offset_ns) if offset_ns else message
 
 
 def _at_log_time(message: RawMessage, offset_ns: int) -> RawMessage:
