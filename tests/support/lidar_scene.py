@@ -5,6 +5,7 @@ import numpy.typing as npt
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud, Relief
+from lidcam.pipeline.core.geometry.rotations import pose_matrix
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import LidarSensor, Rig
 
@@ -49,11 +50,8 @@ def turned(points: F64, yaw: float, shift: tuple[float, float]) -> F64:
 
 def rig(*origins: tuple[float, float, float]) -> Rig:
     """A rig of lidars at the given places."""
-    lidars = []
-    for row, origin in enumerate(origins):
-        matrix = np.eye(4)
-        matrix[:3, 3] = origin
-        lidars.append(LidarSensor(f"lidar{row}", f"/lidar{row}", Transform("site", f"lidar{row}", matrix)))
+    poses = {f"lidar{row}": pose_matrix(np.eye(3), origin) for row, origin in enumerate(origins)}
+    lidars = (LidarSensor(name, f"/{name}", Transform("site", name, pose)) for name, pose in poses.items())
     return Rig("site", tuple(lidars), (), (), 0.0)
 
 

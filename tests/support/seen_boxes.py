@@ -9,6 +9,7 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.camera import CameraModel, DistortionModel
 from lidcam.pipeline.core.detections import Boxes2D
 from lidcam.pipeline.core.geometry.boxes import box_corners
+from lidcam.pipeline.core.geometry.rotations import pose_matrix
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.fusion.projection import CameraArrays, ProjectedEdges, project_edges
@@ -30,12 +31,10 @@ def camera_at(
     yaw, pitch = np.radians(yaw_deg), np.radians(pitch_deg)
     forward = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), -np.sin(pitch)])
     right = np.array([np.sin(yaw), -np.cos(yaw), 0.0])
-    matrix = np.eye(4)
-    matrix[:3, :3] = [right, np.cross(forward, right), forward]
-    matrix[:3, 3] = -matrix[:3, :3] @ position
+    turn = np.array([right, np.cross(forward, right), forward])
     K = np.array([[900.0, 0, 639.5], [0, 900, 359.5], [0, 0, 1]])
     lens = CameraModel(name, 1280, 720, K, model, np.array(distortion, np.float64))
-    return CameraSensor(name, f"/{name}", "", lens, Transform(name, "site", matrix))
+    return CameraSensor(name, f"/{name}", "", lens, Transform(name, "site", pose_matrix(turn, -turn @ position)))
 
 
 def seen_by(camera: CameraSensor, boxes: Sequence[Box], class_ids: Sequence[int], *, score: float = 0.8) -> Boxes2D:

@@ -14,6 +14,7 @@ from lidcam.pipeline.core.detections import Detections, Fused, Hypotheses
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.geometry.rotations import pose_matrix
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor
 from lidcam.pipeline.core.tracks import Tracks
@@ -55,8 +56,7 @@ def passing(
         taken_m = image_m + speed_m_s * errors[6]
         on_ground = start + velocities * _since_s(measured_ns)
         true_xy = start + velocities * (_since_s(np.array([image_ns])) + errors[6])
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(errors[:3]).as_matrix(), errors[3:6]
+        pose = pose_matrix(Rotation.from_rotvec(errors[:3]).as_matrix(), errors[3:6])
         true = Transform("cam", "site", pose @ camera.T_camera_site.matrix)
         sizes = np.tile(CAR, (len(start), 1))
         corners = box_corners(np.c_[true_xy - [taken_m, 0], np.full(len(start), -0.8)], sizes, yaws)
@@ -72,8 +72,7 @@ def passing(
         seen = replace(boxes2d(np.c_[xyxy[shown], np.full(n, 0.9), np.zeros(n)]), stamp_ns=image_ns)
         matched = matches(np.stack([rows, rows], 1), seen.xyxy, overlaps=0.5)
         tracked = replace(Tracks.none(n), ids=1 + np.flatnonzero(shown), velocities=velocities[shown])
-        moved = np.eye(4)
-        moved[0, 3] = -(image_m - ahead_m)
+        moved = pose_matrix(np.eye(3), (ahead_m - image_m, 0.0, 0.0))
         view = replace(camera, T_camera_site=camera.T_camera_site @ Transform("site", "site", moved))
         return replace(
             EMPTY,

@@ -13,7 +13,7 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Fused
 from lidcam.pipeline.core.frame import FrameResult
-from lidcam.pipeline.core.geometry.rotations import matrix_of_rpy
+from lidcam.pipeline.core.geometry.rotations import matrix_of_rpy, pose_matrix
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.writers.viewpoint import SURVEYED_FRAMES, SceneSurvey, Viewpoint, cameras_in_order, front_of_rig
@@ -22,8 +22,7 @@ ASPECT, FOV_Y_DEG = 1.3, 55.0
 
 
 def camera(name: str, azimuth_deg: float, place: tuple[float, float, float] = (0, 0, 1.5)) -> CameraSensor:
-    turned = np.eye(4)
-    turned[:3, :3], turned[:3, 3] = matrix_of_rpy((0.0, 0.0, np.radians(azimuth_deg))), place
+    turned = pose_matrix(matrix_of_rpy((0.0, 0.0, np.radians(azimuth_deg))), place)
     return replace(forward_camera(name), T_camera_site=Transform(name, "site", LOOK_FORWARD @ np.linalg.inv(turned)))
 
 

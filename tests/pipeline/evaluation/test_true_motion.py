@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.core.arrays import F64
+from lidcam.pipeline.core.geometry.rotations import pose_matrix
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
 from lidcam.pipeline.evaluation.true_motion import ground_poses, ground_turns, has_moved, true_velocities
 
@@ -13,10 +14,7 @@ STEP_NS = 100_000_000
 
 
 def site_pose(yaw: float, x: float, y: float) -> F64:
-    matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_euler("z", yaw).as_matrix()
-    matrix[:2, 3] = x, y
-    return matrix
+    return pose_matrix(Rotation.from_euler("z", yaw).as_matrix(), (x, y, 0.0))
 
 
 def velocities(frames: list[int], poses: list[tuple[float, ...]], tracks: list[int], stamps_ns: list[int]) -> F64:

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.geometry.rotations import pose_matrix
 from lidcam.pipeline.filters.motion import deskew
 
 MS = 1_000_000
@@ -18,10 +19,8 @@ YAW_RATE = 0.5
 
 def pose_at(seconds: float, *, speed: float = SPEED_M_S, yaw_rate: float = YAW_RATE) -> F64:
     """T_map_vehicle of a vehicle that drives along the map's x and turns, far from the map's origin."""
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("z", yaw_rate * seconds).as_matrix()
-    pose[:3, 3] = [3000.0 + speed * seconds, -2000.0, 50.0]
-    return pose
+    turn = Rotation.from_euler("z", yaw_rate * seconds).as_matrix()
+    return pose_matrix(turn, [3000.0 + speed * seconds, -2000.0, 50.0])
 
 
 def motion(*stamps_ms: int, speed: float = SPEED_M_S, yaw_rate: float = YAW_RATE) -> PoseSamples:

@@ -9,6 +9,7 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.clouds import CombinedCloud, PointCloud
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.geometry.rotations import pose_matrix
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import LidarSensor, Rig
 from lidcam.pipeline.core.settings.combine import CombineConfig, GroundConfig, MotionConfig, OutlierConfig
@@ -24,10 +25,7 @@ MOVED = RAW.model_copy(update={"motion": MotionConfig()})
 
 
 def pose(translation: Triple = (0, 0, 0), euler_deg: Triple = (0, 0, 0)) -> F64:
-    matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_euler("xyz", euler_deg, degrees=True).as_matrix()
-    matrix[:3, 3] = translation
-    return matrix
+    return pose_matrix(Rotation.from_euler("xyz", euler_deg, degrees=True).as_matrix(), translation)
 
 
 def rig(**extrinsics: F64) -> Rig:

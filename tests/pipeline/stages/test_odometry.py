@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.pose_samples import OdometryPose
+from lidcam.pipeline.core.geometry.rotations import pose_matrix
 from lidcam.pipeline.stages.odometry import FindOdometry
 
 PERIOD_NS = 100_000_000
@@ -33,10 +34,7 @@ def on_surfaces(rectangles: F64, density: float, random: np.random.Generator) ->
 
 
 def at(x: float, y: float = 0.0, yaw_deg: float = 0.0) -> F64:
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
-    T[:2, 3] = x, y
-    return T
+    return pose_matrix(Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix(), (x, y, 0.0))
 
 
 def seen(

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
+from lidcam.pipeline.core.geometry.rotations import pose_matrix
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.combine import MotionConfig
@@ -24,10 +25,8 @@ RIG = camera_rig(forward_camera("a"), replace(forward_camera("b"), boxes_topic="
 
 def pose(time_s: float, speed_m_s: float = 20.0, yaw_rate: float = 0.0) -> F64:
     """A site that drives along its own x axis and turns, somewhere on a map."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_euler("z", 0.4 + yaw_rate * time_s).as_matrix()
-    matrix[:3, 3] = [5000.0, -300.0, 40.0] + matrix[:3, 0] * speed_m_s * time_s
-    return matrix
+    turn = Rotation.from_euler("z", 0.4 + yaw_rate * time_s).as_matrix()
+    return pose_matrix(turn, [5000.0, -300.0, 40.0] + turn[:, 0] * speed_m_s * time_s)
 
 
 def motion(*times_ms: float, speed_m_s: float = 20.0, yaw_rate: float = 0.0) -> PoseSamples:

@@ -14,7 +14,7 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import OutputError
-from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy
+from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion, matrix_of_rpy, pose_matrix
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
@@ -35,15 +35,9 @@ STAMP_NS = 1_700_000_000_123_456_789
 K = np.array([[300.0, 0, 320], [0, 300, 240], [0, 0, 1]])
 
 
-def pose(rpy: tuple[float, float, float], at: tuple[float, float, float]) -> Any:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = matrix_of_rpy(rpy), at
-    return matrix
-
-
 # A lidar that is tilted, and a camera beside it that looks ahead, 25 degrees down and a little to the side.
-T_SITE_LIDAR = pose((0.02, -0.1, 0.4), (0.3, -0.2, 4.0))
-T_SITE_CAMERA = pose((0.03, 0.44, -0.1), (0.5, 0.1, 4.2))
+T_SITE_LIDAR = pose_matrix(matrix_of_rpy((0.02, -0.1, 0.4)), (0.3, -0.2, 4.0))
+T_SITE_CAMERA = pose_matrix(matrix_of_rpy((0.03, 0.44, -0.1)), (0.5, 0.1, 4.2))
 T_SITE_CAMERA[:3, :3] = T_SITE_CAMERA[:3, :3] @ np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 MODEL = CameraModel("camera", 640, 480, K, "plumb_bob", np.zeros(5))
 CAMERA = CameraSensor("front", "/image", "", MODEL, Transform("site", "camera", T_SITE_CAMERA).inverse())
@@ -157,9 +151,8 @@ def test_kitti_boxes_in_the_image_are_those_of_its_time(tmp_path: Path) -> None:
     def seen(name: str, x_m: float, speed_m_s: float, *, is_late: bool) -> tuple[F64, list[str]]:
         """The box in the image, and the one in 3D."""
         one = frame(replace(boxes([(x_m, 0.5, 0.3, 4)]), velocities=np.array([[speed_m_s, 0.0]])))
-        image = replace(
-            one.images["front"], stamp_ns=one.stamp_ns + 100_000_000, T_fixed_site=pose((0, 0, 0), (1, 0, 0))
-        )
+        moved = pose_matrix(np.eye(3), (1, 0, 0))
+        image = replace(one.images["front"], stamp_ns=one.stamp_ns + 100_000_000, T_fixed_site=moved)
         written(KittiWriter(tmp_path / name), replace(one, images={"front": image}) if is_late else one)
         (line,) = (tmp_path / name / "training/label_2/000000.txt").read_text().splitlines()
         return np.array(line.split()[4:8], float), line.split()[8:]
@@ -254,7 +247,7 @@ def test_nuscenes_tables_refer_to_one_another(tmp_path: Path) -> None:
 
 
 def test_nuscenes_boxes_stand_in_the_fixed_frame(tmp_path: Path) -> None:
-    T_fixed_site = pose((0, 0, np.pi / 2), (100, 50, 0))
+    T_fixed_site = pose_matrix(matrix_of_rpy((0, 0, np.pi / 2)), (100, 50, 0))
     written(NuScenesWriter(tmp_path), frame(boxes([(8, 0.5, 0.3, 4)], "car"), T=T_fixed_site))
     (row,) = tables_of(tmp_path)["sample_annotation"]
     np.testing.assert_allclose(row["translation"], [99.5, 58, 0.8])

@@ -12,6 +12,7 @@ from lidcam.pipeline.core.geometry.posed_boxes import (
     UprightBoxes,
     upright_boxes,
 )
+from lidcam.pipeline.core.geometry.rotations import pose_matrix
 
 OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 """R_site_camera of a camera that looks along the site's x axis."""
@@ -28,10 +29,7 @@ XY2, YAW2 = POSITION_SIGMA_M**2, YAW_SIGMA_RAD**2
 
 
 def upright(boxes: PosedBoxes, rotation: F64 | None = None, shift: tuple[float, ...] = (0, 0, 0)) -> UprightBoxes:
-    pose = np.eye(4)
-    pose[:3, :3] = np.eye(3) if rotation is None else rotation
-    pose[:3, 3] = shift
-    return upright_boxes(boxes, pose)
+    return upright_boxes(boxes, pose_matrix(np.eye(3) if rotation is None else rotation, shift))
 
 
 def about_z(angle_deg: float) -> F64:
