@@ -124,13 +124,8 @@ def _compared(first: LidarSensor, second: LidarSensor, frames: Sequence[tuple[F6
 def _shared(rows: I64, values: F64, covariances: F64, sigma: float, count: int, fixed: Sequence[int]) -> F64:
     """(L, 3) the vectors of L lidars whose differences are as measured, as likely as possible.
 
-    Args:
-        rows: (P, 2) two lidars each.
-        values: (P, 3) the measured difference of the second and the first.
-        covariances: (P, 3, 3) of `values`.
-        sigma: Standard deviation of each vector, but for the tails.
-        count: L.
-        fixed: Lidars whose vector is zero.
+    Pairs `rows` (P, 2) of lidars have measured differences `values` (P, 3) of the second and the first, with
+    `covariances` (P, 3, 3). The vectors have the standard deviation `sigma`, but for the tails; those of `fixed` are 0.
     """
     slopes = np.zeros((len(rows), count))
     slopes[np.arange(len(rows)), rows[:, 0]], slopes[np.arange(len(rows)), rows[:, 1]] = -1.0, 1.0

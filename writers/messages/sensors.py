@@ -11,8 +11,7 @@ from lidcam.pipeline.core.errors import MessageError, is_short_memory
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import CameraSensor, Rig
-from lidcam.pipeline.core.ros.messages import ROS2
-from lidcam.pipeline.core.ros.typestores import message_types
+from lidcam.pipeline.core.ros.messages import ROS2, RosMessages
 
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 IMAGE_TYPES = ("sensor_msgs/msg/Image", COMPRESSED)
@@ -29,9 +28,8 @@ def read_image(message: RawMessage) -> Any:
         raise MessageError(f"{message.topic}: expected {' or '.join(IMAGE_TYPES)}, found {msgtype}")
     if message.problem:
         raise MessageError(f"{message.topic}: {message.problem}")
-    types = message_types(1 if is_ros1 else 2)
     try:
-        return (types.deserialize_ros1 if is_ros1 else types.deserialize_cdr)(memoryview(message.data), msgtype)
+        return RosMessages(1 if is_ros1 else 2).deserialize(memoryview(message.data), msgtype)
     except Exception as err:  # rosbags' generated decoders raise errors of several kinds
         if is_short_memory(err):
             raise

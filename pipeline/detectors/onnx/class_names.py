@@ -73,11 +73,7 @@ def _own_names(text: str) -> tuple[str, ...]:
 
 
 def _file_names(path: Path) -> tuple[str, ...]:
-    """Names from a file: lines, YAML (as data sets of Ultralytics have) or JSON (as configurations of Transformers).
-
-    Raises:
-        ConfigError: it cannot be read, or it holds none.
-    """
+    """Names from a file: lines, YAML (as data sets of Ultralytics have) or JSON (as configurations of Transformers)."""
     try:
         text = read_small_file(path, MAX_YAML_BYTES).decode("utf-8-sig")
         is_yaml = path.suffix in {".yaml", ".yml", ".json"}
@@ -91,11 +87,7 @@ def _file_names(path: Path) -> tuple[str, ...]:
 
 
 def _listed(found: Any) -> tuple[str, ...]:
-    """Names from a list, or from a mapping by number.
-
-    Raises:
-        yaml.YAMLError: they are not.
-    """
+    """Names from a list, or from a mapping by number; else a YAMLError."""
     if isinstance(found, dict):
         numbered = {int(key): name for key, name in found.items() if str(key).isdecimal()}
         found = [numbered.get(row) for row in range(len(found))]

@@ -185,8 +185,7 @@ class PartialSets:
     def _choose_core(self, newcomer: RawMessage | None = None) -> list[FoundSet]:
         """Require the topics that are alive, and return the sets that become certain thereby.
 
-        Args:
-            newcomer: The message by which a topic is alive again: sets before it are found without that topic.
+        Sets before `newcomer`, by which a topic is alive again, are found without that topic.
         """
         there = self._there()
         core = tuple(t for t in self._required if t in there) or tuple(there[:1]) or self._core
