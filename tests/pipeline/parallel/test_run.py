@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from random import Random
+from signal import SIGINT, SIGKILL
 
 import numpy as np
 import pytest
@@ -261,21 +262,30 @@ def test_no_copy_is_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
 SCRIPT = """
 import signal, sys
 sys.path[:] = sys.argv[1:]
+from lidcam.signals import end_at_signals
 from lidcam.pipeline.parallel.process import copied_workers
 from shared_graphs import make_graph
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in what it runs in the background
+end_at_signals()
 with copied_workers(*make_graph(), workers=4, frames=1000):
     print(*open("/proc/thread-self/children").read().split(), flush=True)
     signal.pause()
 """
 
 
-def test_no_copy_outlives_the_process_that_made_it() -> None:
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+@pytest.mark.parametrize(("number", "kill", "code"), [(SIGKILL, os.kill, -9), (SIGINT, os.killpg, 128 + 2)])
+def test_no_copy_outlives_the_process_that_made_it(
+    number: signal.Signals, kill: Callable[[int, int], None], code: int
+) -> None:
+    """Killed alone, or told to end with its group, as by Ctrl-C: then one process says so."""
+    command, environment = [sys.executable, "-c", SCRIPT, *sys.path], {**os.environ, "OMP_NUM_THREADS": "1"}
+    pipe = subprocess.PIPE
     with subprocess.Popen(
-        [sys.executable, "-c", SCRIPT, *sys.path], stdout=subprocess.PIPE, env=environment, text=True
+        command, stdout=pipe, stderr=pipe, env=environment, text=True, start_new_session=True
     ) as process:
         assert process.stdout is not None
-        copied = process.stdout.readline().split()
-        assert len(copied) == 3
-        process.kill()
-        assert not process.stdout.read()  # which the copies have open, too: it ends with the last of them
+        assert len(process.stdout.readline().split()) == 3
+        kill(process.pid, number)
+        told = "lidcam: interrupted\n" * (number == SIGINT)
+        assert process.communicate() == ("", told)  # the copies have them open, too: they end with the last of them
+    assert process.returncode == code
