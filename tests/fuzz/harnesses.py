@@ -8,10 +8,9 @@ found, are files in `corpus/NAME/`.
 import json
 import struct
 from base64 import b64decode, b64encode
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,14 +21,12 @@ import yaml
 from builders import Fields, image, odometry, pointcloud2, raw, tf_message, transform_stamped
 from combined_messages import CAMERAS, combined
 from foxglove_messages import SCHEMA_OF, foxglove_raw, twin
-from frames import PROVENANCE, frame
-from frames import RIG as FRAMES_RIG
+from frames import frame, written_result
 from memory_recording import MemoryRecording
 from message_harnesses import CONFIG, ENCODINGS, LIMITS, MESSAGES, T0, Encoding, Harness, hold, images, info
 
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.pipeline.core.errors import LidcamError
-from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.rig import LidarSensor, Rig
@@ -40,7 +37,7 @@ from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.recording import ReadOptions, Recording
 from lidcam.readers.results.result import open_result
 from lidcam.readers.rig.discovery import discover_rig
-from lidcam.readers.rig.rig_file import load_rig, rig_yaml
+from lidcam.readers.rig.rig_file import load_rig
 from lidcam.readers.streams.motion import find_motion_source
 from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.readers.streams.survey import survey
@@ -48,8 +45,6 @@ from lidcam.readers.truth.kitti import KittiTruth
 from lidcam.readers.truth.open import open_truth
 from lidcam.readers.velodyne.decoder import read_velodyne_calibration
 from lidcam.readers.velodyne.models import MODELS
-from lidcam.writers.mcap.writer import McapResultWriter
-from lidcam.writers.outputs.transaction import OutputFile
 
 CORPUS = Path(__file__).parent / "corpus"
 MAX_MESSAGES = 3000
@@ -86,7 +81,7 @@ def _read_everything(recording: Recording) -> None:
             find_motion_source(opened, found.rig, found.transforms, CONFIG)
 
 
-def _scene(encoding: Encoding) -> list[RawMessage]:
+def _scene() -> list[RawMessage]:
     """One message of every kind."""
     points = np.arange(12, dtype=np.float32).reshape(-1, 3)
     fields: dict[str, tuple[str, Fields]] = {
@@ -96,17 +91,7 @@ def _scene(encoding: Encoding) -> list[RawMessage]:
         "/tf_static": ("tf2_msgs/msg/TFMessage", tf_message([transform_stamped("lidar", "camera", stamp_ns=T0)])),
         "/odom": ("nav_msgs/msg/Odometry", odometry(stamp_ns=T0)),
     }
-    return [
-        raw(topic, msgtype, message, T0 + i, T0 + i, encoding)
-        for i, (topic, (msgtype, message)) in enumerate(fields.items())
-    ]
-
-
-def _written(name: str, write: Callable[[Path], None]) -> bytes:
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / name
-        write(path)
-        return path.read_bytes() if path.is_file() else next(path.glob("*.[dm][bc]*")).read_bytes()
+    return [raw(topic, msgtype, message, T0 + i) for i, (topic, (msgtype, message)) in enumerate(fields.items())]
 
 
 def _result(data: bytes) -> None:
@@ -124,18 +109,10 @@ def _read_result(path: Path) -> None:
 
 def _result_seeds() -> list[bytes]:
     frames = [frame(index, motion=True) for index in range(2)]
-    return [
-        _written("out.mcap", partial(_write_result, frames=[])),
-        _written("out.mcap", partial(_write_result, frames=frames)),
-    ]
-
-
-def _write_result(path: Path, frames: Sequence[FrameResult]) -> None:
     config = load_config(settings=["output.clouds=false", "output.images=false", "output.compression=none"])
-    provenance = replace(PROVENANCE, config_yaml=dump_config(config), rig_yaml=rig_yaml(FRAMES_RIG))
-    with McapResultWriter(OutputFile(path, path), FRAMES_RIG, config, provenance) as writer:
-        for one in frames:
-            writer.write(one)
+    with TemporaryDirectory() as folder:
+        paths = [written_result(Path(folder, f"{n}.mcap"), frames[:n], config=config) for n in (0, 2)]
+        return [path.read_bytes() for path in paths]
 
 
 def _combined(data: bytes) -> None:
@@ -153,7 +130,7 @@ def _combined_message(encoding: Encoding) -> RawMessage:
 
 def _whole_scene(data: bytes) -> None:
     """A recording whose messages are altered: the calibration is looked for in it."""
-    messages = _scene("cdr")
+    messages = _scene()
     for begin in range(0, len(data) - 3, 4):
         number, place, value = struct.unpack_from("<BHB", data, begin)
         message = messages[number % len(messages)]
@@ -173,7 +150,7 @@ def _foxglove(encoding: Literal["protobuf", "json"], *hostile: bytes) -> Harness
         hold(_read_everything, MemoryRecording([message]))
 
     def seeds() -> list[bytes]:
-        twins = [twin(message, encoding) for message in _scene("cdr") if message.channel.msgtype in SCHEMA_OF]
+        twins = [twin(message, encoding) for message in _scene() if message.channel.msgtype in SCHEMA_OF]
         known = [bytes([schemas.index(message.channel.msgtype)]) + bytes(message.data) for message in twins]
         return [*known, *hostile]
 
@@ -184,7 +161,7 @@ def _protobuf_schema(data: bytes) -> None:
     """The description of a protobuf type, then one message of that type."""
     source = foxglove_raw("/topic", "foxglove.PointCloud", {}, T0)
     altered = Channel("/topic", source.channel.msgtype, "protobuf", b64encode(data).decode(), "protobuf")
-    message = twin(_scene("cdr")[0], "protobuf")._replace(channel=altered)
+    message = twin(_scene()[0], "protobuf")._replace(channel=altered)
     hold(_read_everything, MemoryRecording([message]))
 
 
@@ -200,7 +177,7 @@ def _of_text(name: str, read: Callable[[Path], Any], sound: Callable[[], str] = 
 
 
 def _use_rig(path: Path) -> None:
-    discover_rig(MemoryRecording(_scene("cdr")), CONFIG, load_rig(path))
+    discover_rig(MemoryRecording(_scene()), CONFIG, load_rig(path))
 
 
 def _use_folder(path: Path) -> None:

@@ -1,7 +1,8 @@
-"""Whole FrameResults for tests of writers: two lidars, two cameras, a handful of objects."""
+"""Whole FrameResults: two lidars, two cameras, a handful of objects; and results of such frames."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -28,7 +29,11 @@ from lidcam.pipeline.core.messages import Channel, Drop, RawMessage
 from lidcam.pipeline.core.rig import LidarSensor, Rig, Zone
 from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.load import dump_config
 from lidcam.pipeline.core.tracks import Tracks
+from lidcam.readers.rig.rig_file import rig_yaml
+from lidcam.writers.mcap.writer import McapResultWriter
+from lidcam.writers.outputs.transaction import OutputFile
 from lidcam.writers.provenance import Provenance
 
 START_NS = 1_700_000_000_123_456_789
@@ -143,6 +148,17 @@ def frame(
         Fused(found, np.arange(objects, dtype=np.int32)[::-1].copy(), rows, tracks=tracks),
         drops,
     )
+
+
+def written_result(
+    path: Path, frames: Iterable[FrameResult], *, rig: Rig = RIG, config: Config = CONFIG, **said: Any
+) -> Path:
+    """Write a result of frames; `said` replaces parts of its provenance."""
+    told = {"config_yaml": dump_config(config), "rig_yaml": rig_yaml(rig)} | said
+    with McapResultWriter(OutputFile(path, path), rig, config, replace(PROVENANCE, **told)) as writer:
+        for one in frames:
+            writer.write(one)
+    return path
 
 
 def tracks_of(

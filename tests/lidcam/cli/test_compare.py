@@ -1,19 +1,23 @@
-"""Comparison of results of a sample recording, and of copies of them with known faults."""
+"""Comparison of the result of a sample recording with itself, and of small results with known differences."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jsonschema
+import numpy as np
 import pytest
+from frames import RIG, frame, tracks_of, written_result
 from logging_state import kept_logging
-from perturbed_results import Change, perturbed, turned
 
 from lidcam.cli.compare import compare as run_compare
 from lidcam.pipeline.core.errors import CheckError, LidcamError, RecordingError
+from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.readers.rig.rig_file import rig_yaml
 
 ROOT = Path(__file__).parents[3]
-FUSED = "/fused/detections"
 SCHEMA = jsonschema.Draft202012Validator(json.loads((ROOT / "docs/figures.schema.json").read_text(encoding="utf-8")))
 
 
@@ -51,14 +55,6 @@ def compare(capsys: pytest.CaptureFixture[str]) -> Any:
     return compared
 
 
-@pytest.fixture
-def faulty(result: Path, tmp_path: Path) -> Any:
-    def changed(change: Change, topic: str = FUSED) -> Path:
-        return perturbed(result, tmp_path / "faulty.mcap", {topic: change})
-
-    return changed
-
-
 def test_a_result_and_itself(compare: Any, result: Path) -> None:
     same = compare(result, result)
     assert not same.failures
@@ -78,22 +74,32 @@ def test_a_result_and_itself(compare: Any, result: Path) -> None:
     assert sum(counts["all"]["equal"] for counts in channels) > 500
 
 
-def test_yaw_shifted_by_5_degrees(compare: Any, result: Path, faulty: Any) -> None:
-    other = faulty(turned(5))
-    found = compare(result, other)
+FRAMES = [frame(index, tracks=tracks_of([1, 2, 3])) for index in range(6)]
+
+
+def turned(one: FrameResult, by_deg: float) -> FrameResult:
+    """The same with another heading of the fused objects."""
+    found = one.fused.objects
+    objects = replace(found, yaws=wrap_angle(found.yaws + np.radians(by_deg)))
+    return replace(one, fused=replace(one.fused, objects=objects))
+
+
+def test_yaw_shifted_by_5_degrees(compare: Any, tmp_path: Path) -> None:
+    one = written_result(tmp_path / "a.mcap", FRAMES)
+    other = written_result(tmp_path / "b.mcap", [turned(one, 5) for one in FRAMES])
+    found = compare(one, other)
     assert found.failures == ("fused: expected at most 0 % of the objects to differ, found 100 %",)
-    assert sum("turned 5.000 deg" in line and "0-13" in line for line in found.out.splitlines()) >= 5
-    assert "the first 10 of" in found.out
+    assert sum("turned 5.000 deg" in line and "0-5" in line for line in found.out.splitlines()) == 3
+    assert "the first 2 of 3" in compare(one, other, lines=2).out
     counted = [line.split()[:2] for line in found.out.partition("2D boxes")[0].splitlines()]
     assert [row for row in counted if row[:1] == ["lidar"]] == [["lidar", "all"]]
     assert ["fused", "car"] in counted
     assert found.out.splitlines()[-1] == "verdict: more differences than allowed"
-    tree = compare(result, other, as_json=True).tree
-    counts = tree["sources"]["fused"]["all"]
+    counts = compare(one, other, as_json=True).tree["sources"]["fused"]["all"]
     assert (counts["turned"], counts["largest_turned_deg"]) == (counts["a"], pytest.approx(5))
-    assert not compare(result, other, only=("lidar",)).failures
-    assert not compare(result, other, max_different=100).failures
-    allowed = compare(result, other, allow=("turned",), lines=0)
+    assert not compare(one, other, only=("lidar",)).failures
+    assert not compare(one, other, max_different=100).failures
+    allowed = compare(one, other, allow=("turned",), lines=0)
     assert not allowed.failures
     assert allowed.out.splitlines()[-1] == "verdict: no more differences than allowed"
     assert "the first" not in allowed.out
@@ -107,21 +113,18 @@ def test_what_cannot_be_compared(compare: Any, result: Path) -> None:
 
 
 def test_results_of_two_recordings_and_two_sites(compare: Any, result: Path, tmp_path: Path) -> None:
-    sandbox = ROOT / "tests/golden/sandbox.mcap"
-    found = compare(result, sandbox)
+    found = compare(result, ROOT / "tests/golden/sandbox.mcap")
     assert "note: A and B are results of different recordings: crossing.mcap, sandbox.bag" in found.out
-
-    def moved(rig: str) -> str:
-        return rig.replace("site_frame: site", "site_frame: hall")
-
-    other = perturbed(sandbox, tmp_path / "other.mcap", {}, texts={"rig.yaml": moved})
+    hall = rig_yaml(RIG).replace("site_frame: site", "site_frame: hall")
+    one, other = written_result(tmp_path / "one.mcap", []), written_result(tmp_path / "other.mcap", [], rig_yaml=hall)
     with pytest.raises(LidcamError, match=r"other.mcap: expected objects in the frame of .*, 'site', found 'hall'"):
-        compare(sandbox, other)
+        compare(one, other)
 
 
-def test_frames_of_one_alone(compare: Any, result: Path, tmp_path: Path) -> None:
-    other = perturbed(result, tmp_path / "faulty.mcap", {}, without_frames=[4, 5])
-    found = compare(result, other)
-    assert found.failures == ("frames: expected at most 0 % in one result alone, found 14.3 %",)
-    assert "frames: 12 in both, 0 of them differ; 2 only in A, 0 only in B" in found.out
-    assert not compare(result, other, allow=("frames",)).failures
+def test_frames_of_one_alone(compare: Any, tmp_path: Path) -> None:
+    one = written_result(tmp_path / "a.mcap", FRAMES)
+    other = written_result(tmp_path / "b.mcap", [*FRAMES[:2], *FRAMES[4:]])
+    found = compare(one, other)
+    assert found.failures == ("frames: expected at most 0 % in one result alone, found 33.3 %",)
+    assert "frames: 4 in both, 0 of them differ; 2 only in A, 0 only in B" in found.out
+    assert not compare(one, other, allow=("frames",)).failures

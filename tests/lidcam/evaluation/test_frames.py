@@ -2,49 +2,33 @@
 
 import json
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import builders
 import numpy as np
 import pytest
-from frames import CONFIG, COVARIANCE, PERIOD_NS, PROVENANCE, RIG, START_NS, frame
+from builders import write_mcap
+from frames import COVARIANCE, PERIOD_NS, START_NS, frame, written_result
 from truth_messages import true_object, truth_message
 
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.pipeline.core.arrays import F64, Bools
 from lidcam.pipeline.core.detections import Source
 from lidcam.pipeline.core.errors import FrameError
-from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Zone, ZoneUse
-from lidcam.pipeline.core.settings.load import dump_config
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes2D, TruthBoxes3D
 from lidcam.readers.results.result import open_result
-from lidcam.readers.rig.rig_file import rig_yaml
 from lidcam.readers.truth.open import open_truth
-from lidcam.writers.mcap.writer import McapResultWriter
-from lidcam.writers.outputs.transaction import OutputFile
 
 
-def result_file(path: Path, frames: Sequence[FrameResult], summary: str = "{}") -> Path:
-    provenance = replace(PROVENANCE, config_yaml=dump_config(CONFIG), rig_yaml=rig_yaml(RIG), summary=lambda: summary)
-    with McapResultWriter(OutputFile(path, path), RIG, CONFIG, provenance) as writer:
-        for one in frames:
-            writer.write(one)
+def truth_file(path: Path, raws: list[RawMessage]) -> Path:
+    write_mcap(path, raws)
     return path
 
 
-def truth_file(path: Path, raws: Sequence[RawMessage]) -> Path:
-    builders.write_mcap(path, list(raws))
-    return path
-
-
-def compared(
-    result: Path, *truth: Path, settings: Sequence[str] = ()
-) -> tuple[list[EvaluationFrame], EvaluationFrames]:
-    with open_result(result, settings) as opened, open_truth(opened, truth) as found:
+def compared(result: Path, *truth: Path) -> tuple[list[EvaluationFrame], EvaluationFrames]:
+    with open_result(result) as opened, open_truth(opened, truth) as found:
         frames = EvaluationFrames(opened, found)
         return [*frames], frames
 
@@ -66,17 +50,17 @@ def test_sensors_whose_motion_only_the_clouds_tell_have_no_place(
     topics: list[str], is_adrift: bool, tmp_path: Path
 ) -> None:
     summary = json.dumps({"motion": {"topics": topics, "frames_from_clouds": 2}})
-    result = result_file(tmp_path / "out.mcap", [frame(index) for index in range(3)], summary)
+    result = written_result(tmp_path / "out.mcap", [frame(index) for index in range(3)], summary=lambda: summary)
     frames, of = compared(result, truth_file(tmp_path / "truth.mcap", cars()))
     assert [one.T_fixed_site is None for one in frames] == [is_adrift] * 3
     assert ("no speeds are compared: the sensors move, and where to is not recorded" in of.notes) == is_adrift
 
 
-def cars(*, frame_id: str = "site", every_ns: int = PERIOD_NS, count: int = 40) -> list[RawMessage]:
+def cars(*, frame_id: str = "site", count: int = 40) -> list[RawMessage]:
     """A car ahead that drives along x, one behind, and a hidden van."""
     found = []
     for number in range(count):
-        stamp_ns = START_NS + (number - 15) * every_ns
+        stamp_ns = START_NS + (number - 15) * PERIOD_NS
         x = 10 + (stamp_ns - START_NS) * 1e-8
         objects = [
             true_object("car", (x, 0, 0), name="a", counts={"image_pixels": 50}),
@@ -88,7 +72,7 @@ def cars(*, frame_id: str = "site", every_ns: int = PERIOD_NS, count: int = 40) 
 
 
 def test_truth_in_the_site_frame(tmp_path: Path) -> None:
-    result = result_file(tmp_path / "out.mcap", [frame(index) for index in range(3)])
+    result = written_result(tmp_path / "out.mcap", [frame(index) for index in range(3)])
     frames, of = compared(result, truth_file(tmp_path / "truth.mcap", cars()))
     assert [one.index for one in frames] == [0, 1, 2]
     for index, one in enumerate(frames):
@@ -108,7 +92,7 @@ def test_truth_in_the_site_frame(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("use", ["ignore", "detect"])
 def test_what_lies_where_nothing_is_reported_is_ignored(tmp_path: Path, use: ZoneUse) -> None:
-    path, truth = result_file(tmp_path / "out.mcap", [frame()]), truth_file(tmp_path / "truth.mcap", cars())
+    path, truth = written_result(tmp_path / "out.mcap", [frame()]), truth_file(tmp_path / "truth.mcap", cars())
     zone = Zone("near", np.array([[-15.0, -1e4], [15, -1e4], [15, 1e4], [-15, 1e4]]), use)
     with open_result(path) as result, open_truth(result, [truth]) as found:
         (plain,) = EvaluationFrames(result, found)
@@ -124,7 +108,7 @@ def test_what_lies_where_nothing_is_reported_is_ignored(tmp_path: Path, use: Zon
 
 def test_truth_in_a_frame_that_the_site_moves_in(tmp_path: Path) -> None:
     """`frame` drives to x = 2, 4, 6 m of odom, a metre in half a period."""
-    result = result_file(tmp_path / "out.mcap", [frame(index, motion=True) for index in range(3)])
+    result = written_result(tmp_path / "out.mcap", [frame(index, motion=True) for index in range(3)])
     still = [
         truth_message(m.stamp_ns, [true_object("car", (10, 3, 0), name="a", yaw=0.5)], frame_id="odom") for m in cars()
     ]
@@ -136,7 +120,7 @@ def test_truth_in_a_frame_that_the_site_moves_in(tmp_path: Path) -> None:
 
 
 def test_frames_that_truth_does_not_cover(tmp_path: Path) -> None:
-    result = result_file(tmp_path / "out.mcap", [frame(index) for index in range(3)])
+    result = written_result(tmp_path / "out.mcap", [frame(index) for index in range(3)])
     frames, of = compared(result, truth_file(tmp_path / "truth.mcap", cars(count=16)))
     assert [one.truth is None for one in frames] == [False, True, True]
     assert [one.images["left"].truth is None for one in frames] == [False, True, True]
@@ -145,20 +129,20 @@ def test_frames_that_truth_does_not_cover(tmp_path: Path) -> None:
 
 def test_frames_at_which_the_motion_is_not_known(tmp_path: Path) -> None:
     late = [frame(0, motion=True), frame(1, motion=True), frame(8)]
-    result = result_file(tmp_path / "out.mcap", late)
+    result = written_result(tmp_path / "out.mcap", late)
     frames, of = compared(result, truth_file(tmp_path / "truth.mcap", cars(frame_id="odom")))
     assert [one.truth is None for one in frames] == [False, False, True]
     assert of.notes[-1].startswith("frames without truth, because where the site frame was at their time is not rec")
 
 
 def test_frames_of_reference_that_nothing_joins(tmp_path: Path) -> None:
-    result = result_file(tmp_path / "out.mcap", [frame()])
+    result = written_result(tmp_path / "out.mcap", [frame()])
     with pytest.raises(FrameError, match="truth's frame 'map' with the site frame 'site', found those of left, lidar2"):
         compared(result, truth_file(tmp_path / "truth.mcap", cars(frame_id="map")))
 
 
 def test_a_result_without_truth(tmp_path: Path) -> None:
-    frames, of = compared(result_file(tmp_path / "out.mcap", [frame(), frame(1)]))
+    frames, of = compared(written_result(tmp_path / "out.mcap", [frame(), frame(1)]))
     assert [one.truth for one in frames] == [None, None]
     assert [one.images["left"].truth for one in frames] == [None, None]
     assert len(of.notes) == 1
@@ -170,7 +154,7 @@ def test_a_result_without_truth(tmp_path: Path) -> None:
 
 def test_what_the_cameras_place_is_a_source_of_its_own(tmp_path: Path) -> None:
     sources = [Source.LIDAR, Source.CAMERA, Source.BOTH]
-    result = result_file(tmp_path / "out.mcap", [frame(0), frame(1, sources=sources)])
+    result = written_result(tmp_path / "out.mcap", [frame(0), frame(1, sources=sources)])
     first, second = compared(result)[0]
     assert ({*first.sources}, {*second.sources}) == ({"lidar", "fused"}, {"lidar", "cameras", "fused"})
     boxes = second.sources["cameras"].boxes

@@ -10,7 +10,7 @@ import builders
 import numpy as np
 import pytest
 import yaml
-from frames import CONFIG, PERIOD_NS, PROVENANCE, RIG, START_NS, frame
+from frames import CONFIG, PERIOD_NS, RIG, START_NS, frame, written_result
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
@@ -18,34 +18,19 @@ from memory_recording import MemoryRecording
 from track_messages import track, track_array
 
 from lidcam.pipeline.core.errors import CalibrationError, ConfigError, RecordingError
-from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.rig import Rig
-from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.core.settings.load import dump_config, load_config
+from lidcam.pipeline.core.settings.load import load_config
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
 from lidcam.readers.results.attached_records import is_result
 from lidcam.readers.results.result import Result, open_result
 from lidcam.readers.rig.rig_file import rig_yaml
-from lidcam.writers.mcap.writer import McapResultWriter
-from lidcam.writers.outputs.transaction import OutputFile
 
 FRAMES = 3
 
 
-def written(
-    path: Path, frames: list[FrameResult], *, rig: Rig = RIG, config: Config = CONFIG, config_yaml: str = ""
-) -> Path:
-    provenance = replace(PROVENANCE, config_yaml=config_yaml or dump_config(config), rig_yaml=rig_yaml(rig))
-    with McapResultWriter(OutputFile(path, path), rig, config, provenance) as writer:
-        for one in frames:
-            writer.write(one)
-    return path
-
-
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return written(tmp_path_factory.mktemp("result") / "out.mcap", [frame(index) for index in range(FRAMES)])
+    return written_result(tmp_path_factory.mktemp("result") / "out.mcap", [frame(index) for index in range(FRAMES)])
 
 
 def test_frames_are_read_back(path: Path) -> None:
@@ -113,11 +98,11 @@ def detection3d_array(ids: list[str], *, stamp_ns: int) -> RawMessage:
 
 def test_frames_without_objects_and_with_one_log_time(tmp_path: Path) -> None:
     """A recorder with a coarse clock gives two frames one log time."""
-    with open_result(written(tmp_path / "none.mcap", [])) as result:
+    with open_result(written_result(tmp_path / "none.mcap", [])) as result:
         assert list(result.frames()) == []
     same = [frame(index, objects=0) for index in range(3)]
     same = [replace(one, bundle=replace(one.bundle, log_time_ns=START_NS)) for one in same]
-    with open_result(written(tmp_path / "a.mcap", same)) as result:
+    with open_result(written_result(tmp_path / "a.mcap", same)) as result:
         found = list(result.frames())
     assert [one.stamp_ns for one in found] == [START_NS + index * PERIOD_NS for index in range(3)]
     assert [len(one.sources["fused"]) for one in found] == [0, 0, 0]
@@ -146,7 +131,7 @@ def test_boxes_of_a_class_that_the_settings_do_not_have(path: Path, tmp_path: Pa
     of_no_class = replace(one.fused.objects, class_ids=np.array([0, len(CONFIG.classes), 3], np.int32))
     one = replace(one, fused=replace(one.fused, objects=of_no_class))
     config = load_config(CONFIG, {"fuse.unknown": True})
-    with open_result(written(tmp_path / "a.mcap", [one], config=config)) as result:
+    with open_result(written_result(tmp_path / "a.mcap", [one], config=config)) as result:
         (known,) = result.frames()
         assert known.sources["fused"].boxes.class_ids.tolist() == [0, 3]
         assert not any("unknown" in note for note in result.notes)
@@ -160,7 +145,7 @@ def test_settings_of_other_versions(tmp_path: Path) -> None:
     tree["sync"]["slop_s"] = "a lot"
     tree["classes"][0]["colour"] = "red"
     del tree["classes"][1]["size_m"]
-    with open_result(written(tmp_path / "old.mcap", [frame()], config_yaml=yaml.safe_dump(tree))) as result:
+    with open_result(written_result(tmp_path / "old.mcap", [frame()], config_yaml=yaml.safe_dump(tree))) as result:
         assert result.config == CONFIG
         assert len(result.notes) == 1
         for part in ("old.mcap is of lidcam 1.2.3", "telepathy", "fuse.magic", "sync.slop_s", "classes"):

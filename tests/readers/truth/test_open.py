@@ -7,21 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builders import odometry, raw, write_mcap
-from frames import CONFIG, PERIOD_NS, PROVENANCE, RIG, START_NS, frame
+from frames import CONFIG, PERIOD_NS, RIG, START_NS, frame, written_result
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig, TruthVehicle
-from lidcam.pipeline.core.settings.load import dump_config
 from lidcam.readers.results.attached_records import read_records
 from lidcam.readers.results.result import Result, open_result
-from lidcam.readers.rig.rig_file import rig_yaml
 from lidcam.readers.truth.kitti import KittiTruth
 from lidcam.readers.truth.odometry import OdometryTruth
 from lidcam.readers.truth.open import open_labels, open_truth
 from lidcam.readers.truth.source import TruthSource
-from lidcam.writers.mcap.writer import McapResultWriter
-from lidcam.writers.outputs.transaction import OutputFile
 
 CAR = TruthVehicle("/car/odom", "car", (4, 2, 1.5), (0, 0, 0.75))
 LABEL = "Car 0.10 1 -1.57 500.0 150.0 600.0 220.0 1.50 1.80 4.20 2.0 1.6 20.0 -1.570796"
@@ -34,12 +30,9 @@ def pose(k: int) -> RawMessage:
 
 
 def result(folder: Path, rig: Rig, copied: tuple[RawMessage, ...] = ()) -> Result:
-    path = folder / "out.mcap"
-    provenance = replace(PROVENANCE, config_yaml=dump_config(CONFIG), rig_yaml=rig_yaml(rig))
     one = frame(0)
-    with McapResultWriter(OutputFile(path, path), rig, CONFIG, provenance) as writer:
-        writer.write(replace(one, bundle=replace(one.bundle, copied=copied)))
-    return open_result(path)
+    frames = [replace(one, bundle=replace(one.bundle, copied=copied))]
+    return open_result(written_result(folder / "out.mcap", frames, rig=rig))
 
 
 def test_odometry_that_was_copied_into_the_result(tmp_path: Path) -> None:
