@@ -4,10 +4,13 @@ from builders import odometry, raw
 from hypothesis import given
 from hypothesis import strategies as st
 from memory_recording import MemoryRecording
+from truth_messages import true_object, truth_message
 
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.messages import Drop, RawMessage
+from lidcam.pipeline.core.settings.classes import ROAD_CLASSES
 from lidcam.pipeline.core.settings.recording import RecordingLimits
+from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.streams.copied import MARGIN_NS, MESSAGE_BYTES, CopiedMessages
 
 SEC = 1_000_000_000
@@ -117,3 +120,9 @@ def test_truth_is_drawn_if_it_can_be_read() -> None:
     (drawn,) = found[0].truth
     assert (drawn.topic, drawn.stamp_ns, drawn.log_time_ns, list(drawn.labels)) == ("/truth", 0, 0, [""])
     assert drawn.sizes.tolist() == [[4, 2, 1.5]]
+
+
+def test_numbers_of_classes_get_names() -> None:
+    numbered = truth_message(0, [true_object("car", (1, 2, 3))], topic="/truth", encoding="ros1")
+    (found,) = handed_on(CopiedMessages(("/truth",), ROAD_CLASSES), [numbered, message("/sensor", 1)])
+    assert deserialize(found.copied[0]).detections[0].results[0].hypothesis.class_id == "car"

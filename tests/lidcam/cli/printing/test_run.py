@@ -1,5 +1,6 @@
 """The dozen lines after a run."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -72,7 +73,9 @@ def test_what_was_dropped_and_what_is_missing() -> None:
         sound_summary(),
         drops={"messages": (DROP, replace(DROP, topic="/points", unit="parts"))},
         sensors={"missing": (MissingSensor("cam", "/image", 2, 4, ()),)},
+        inputs={"copied": {"/truth/a": 2, "/truth/b": 3}},
     )
+    assert re.search(r"\ncopied +5 messages: /truth/\* \(2 topics\)\n", printed(summary))
     text = printed(summary, details=False)
     assert "dropped: 3 messages of /image: no partner within 0.05 s\n" in text
     assert "/points" not in text, "parts of messages that were used"
