@@ -1,11 +1,10 @@
-"""Who imports whom, by folder, and how many lines there are: `python tests/support/import_graph.py [ROOT]` prints it.
+"""Who imports whom, by folder, and how many lines there are.
 
 A folder without folders in it is a room, and so is every file that lies beside folders: `readers/open.py` stands above
 the containers that it chooses from, `readers/recording.py` below them.
 """
 
 import ast
-import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -131,39 +130,3 @@ def lines_by_room(paths: Iterable[Path], base: Path) -> Counter[str]:
         room = "/".join(path.relative_to(base).parts[:-1][:2])
         lines[room] += len(path.read_text(encoding="utf-8").splitlines())
     return lines
-
-
-def print_lines(root: Path) -> None:
-    """Lines of source beside those of tests, which mirror it and have rooms of their own."""
-    tests = root / "tests"
-    source, checks = lines_by_room(sources(root), root), lines_by_room(tests.rglob("*.py"), tests)
-    print("lines by room               source   tests")
-    print(f"  {'all':<24}{source.total():>8}{checks.total():>8}")
-    for room in sorted(source.keys() | checks.keys()):
-        print(f"  {room or 'tests':<24}{source[room]:>8}{checks[room]:>8}")
-
-
-def main() -> None:
-    """Print the figures of a source tree."""
-    root = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT
-    graph = read_import_graph(root)
-    arrows = graph.arrows
-    print(f"modules                    {len(graph.modules)}")
-    print(f"imports between modules    {sum(map(len, graph.modules.values()))}")
-    print(f"folders                    {len(graph.files)}")
-    print(f"arrows between rooms       {sum(map(len, arrows.values()))}")
-    print(f"imports that point up      {len(graph.upward)}")
-    print(f"circles of rooms           {len(circles(arrows))}")
-    print(f"circles of modules         {len(circles(graph.modules))}")
-    print("files per folder")
-    for folder, count in sorted(graph.files.items(), key=lambda item: (-item[1], item[0])):
-        print(f"  {count:3} {folder}")
-    print_lines(root)
-    for group in circles(arrows):
-        print(f"circle: {', '.join(group)}")
-    for module, imported in graph.upward:
-        print(f"up: {module} -> {imported}")
-
-
-if __name__ == "__main__":
-    main()

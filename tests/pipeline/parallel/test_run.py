@@ -1,7 +1,5 @@
 import logging
 import os
-import signal
-import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -9,7 +7,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from random import Random
-from signal import SIGINT, SIGKILL
+from signal import SIGINT, SIGKILL, SIGSTOP
+from subprocess import PIPE, Popen
 
 import numpy as np
 import pytest
@@ -25,7 +24,6 @@ from lidcam.pipeline.parallel.worker import MakeGraph, WorkerTraceback, log_leve
 pytestmark = pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")
 
 ways = pytest.mark.parametrize("way", ["interpreter", "copy"], indirect=True)
-"""How other processes start."""
 
 
 @pytest.fixture(autouse=True)
@@ -174,9 +172,7 @@ def test_a_process_that_is_killed() -> None:
 
 
 def test_a_process_that_cannot_make_its_stages() -> None:
-    graph, sink = make_graph()
-    limits = Limits[Frame](2, 5)
-    found = run_parallel(graph, sink, frames(20), limits, make_graph=make_nothing, expected=20)
+    found = run_parallel(*make_graph(), frames(20), Limits[Frame](2, 5), make_graph=make_nothing, expected=20)
     with pytest.raises(MessageError, match="the network cannot be loaded here"):
         list(found)
 
@@ -194,7 +190,7 @@ def test_a_process_that_hangs_does_not_hold_up_the_end() -> None:
     found = alone(make_graph)
     next(found)
     (process,) = set(children()) - set(before)
-    os.kill(int(process), signal.SIGSTOP)  # it neither answers nor ends
+    os.kill(int(process), SIGSTOP)  # it neither answers nor ends
     found.close()  # type: ignore[attr-defined]  # a generator
 
 
@@ -273,19 +269,14 @@ with copied_workers(*make_graph(), workers=4, frames=1000):
 """
 
 
-@pytest.mark.parametrize(("number", "kill", "code"), [(SIGKILL, os.kill, -9), (SIGINT, os.killpg, 128 + 2)])
-def test_no_copy_outlives_the_process_that_made_it(
-    number: signal.Signals, kill: Callable[[int, int], None], code: int
-) -> None:
+@pytest.mark.parametrize(("kill", "number", "code"), [(os.kill, SIGKILL, -9), (os.killpg, SIGINT, 130)])
+def test_no_copy_outlives_the_process_that_made_it(kill: Callable[[int, int], None], number: int, code: int) -> None:
     """Killed alone, or told to end with its group, as by Ctrl-C: then one process says so."""
-    command, environment = [sys.executable, "-c", SCRIPT, *sys.path], {**os.environ, "OMP_NUM_THREADS": "1"}
-    pipe = subprocess.PIPE
-    with subprocess.Popen(
-        command, stdout=pipe, stderr=pipe, env=environment, text=True, start_new_session=True
-    ) as process:
+    command, alone = [sys.executable, "-c", SCRIPT, *sys.path], {**os.environ, "OMP_NUM_THREADS": "1"}
+    with Popen(command, stdout=PIPE, stderr=PIPE, env=alone, text=True, start_new_session=True) as process:
         assert process.stdout is not None
         assert len(process.stdout.readline().split()) == 3
         kill(process.pid, number)
-        told = "lidcam: interrupted\n" * (number == SIGINT)
+        told = "lidcam: interrupted\n" if number == SIGINT else ""
         assert process.communicate() == ("", told)  # the copies have them open, too: they end with the last of them
     assert process.returncode == code

@@ -15,7 +15,6 @@ from lidcam.readers.streams.copied import MARGIN_NS, MESSAGE_BYTES, CopiedMessag
 
 SEC = 1_000_000_000
 ODOM = "nav_msgs/msg/Odometry"
-UPRIGHT = {"orientation": {"w": 1.0}}
 
 
 def message(topic: str, log_time_ns: int) -> RawMessage:
@@ -107,22 +106,15 @@ def test_all_messages_arrive_once_and_in_order(recorded: list[tuple[str, int]], 
     assert copied == ([one for one in stream if one.topic == "/truth"] if found else [])
 
 
-def test_truth_is_drawn_if_it_can_be_read() -> None:
-    def boxes(topic: str, at: int) -> RawMessage:
-        fields = {"detections": [{"bbox": {"size": {"x": 4.0, "y": 2.0, "z": 1.5}, "center": UPRIGHT}}]}
-        return raw(topic, "vision_msgs/msg/Detection3DArray", fields, at)
-
-    whole = boxes("/truth", 0)
-    stream = [whole, boxes("/other", 0), whole._replace(data=bytes(whole.data)[:20]), whole._replace(stamp_ns=-1)]
-    copied = CopiedMessages(("/truth", "/other"), drawn=("/truth",))
-    found = handed_on(copied, [*stream, message("/sensor", 1)])
-    assert len(found[0].copied) == 4
-    (drawn,) = found[0].truth
-    assert (drawn.topic, drawn.stamp_ns, drawn.log_time_ns, list(drawn.labels)) == ("/truth", 0, 0, [""])
+def test_truth_is_drawn_if_it_can_be_read_and_its_numbers_get_names() -> None:
+    whole, other = (
+        truth_message(0, [true_object("car", (1, 2, 3))], topic=topic, encoding="ros1")
+        for topic in ("/truth", "/other")
+    )
+    stream = [whole, other, whole._replace(data=bytes(whole.data)[:20]), whole._replace(stamp_ns=-1)]
+    copied = CopiedMessages(("/truth", "/other"), ROAD_CLASSES, drawn=("/truth",))
+    (found,) = handed_on(copied, [*stream, message("/sensor", 1)])
+    assert [deserialize(one).detections[0].results[0].hypothesis.class_id for one in found.copied] == ["car"] * 3
+    (drawn,) = found.truth
+    assert (drawn.topic, drawn.stamp_ns, drawn.log_time_ns, list(drawn.labels)) == ("/truth", 0, 0, ["car"])
     assert drawn.sizes.tolist() == [[4, 2, 1.5]]
-
-
-def test_numbers_of_classes_get_names() -> None:
-    numbered = truth_message(0, [true_object("car", (1, 2, 3))], topic="/truth", encoding="ros1")
-    (found,) = handed_on(CopiedMessages(("/truth",), ROAD_CLASSES), [numbered, message("/sensor", 1)])
-    assert deserialize(found.copied[0]).detections[0].results[0].hypothesis.class_id == "car"
