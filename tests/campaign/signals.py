@@ -20,7 +20,10 @@ from pathlib import Path
 from random import Random
 
 from common import LIDCAM, Child, Outcome, campaign, is_one_line, run_child  # isort: skip
-from small_drive import small_inputs
+import zstandard
+from builders import write_mcap
+from small_drive import small_drive
+from small_scenario import write_small_scenario
 
 TIMEOUT_S = 120.0
 MAX_END_S = 2.0
@@ -124,9 +127,21 @@ PLACES = ("lidcam", "pipeline", "readers", "writers", "bags", "numpy", "cv2", "E
 
 
 def _run(command: str, out: Path, temporary: Path, during: Callable[[int], None] | None = None) -> Child:
-    places = {"in": small_inputs(), "out": out}
+    places = {"in": _inputs().name, "out": out}
     arguments = [part.format_map(places) for part in command.split()]
     return run_child([*LIDCAM, *arguments], timeout_s=TIMEOUT_S, env={"TMPDIR": str(temporary)}, during=during)
+
+
+@cache
+def _inputs() -> tempfile.TemporaryDirectory[str]:
+    """A folder with a small drive, a damaged and a compressed one, and a scenario; it goes with this process."""
+    path = Path((folder := tempfile.TemporaryDirectory(prefix="small_inputs-")).name)
+    write_mcap(path / "drive.mcap", small_drive("cdr", frames=30, kinds=("images", "boxes")))
+    whole = (path / "drive.mcap").read_bytes()
+    (path / "damaged.mcap").write_bytes(whole[: len(whole) * 3 // 4])
+    (path / "drive.mcap.zstd").write_bytes(zstandard.compress(whole))
+    write_small_scenario(path / "small.yaml")
+    return folder
 
 
 @cache

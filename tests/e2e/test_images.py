@@ -1,7 +1,5 @@
-"""Images and films of runs, by the installed command and from Python."""
+"""Images and films of runs, by the command and from Python."""
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from builders import write_mcap
-from command import Lidcam
+from command import Lidcam, called
 from helpers import CLUSTERS
 from small_drive import small_drive
 from video import psnr_db
@@ -18,17 +16,11 @@ from video import psnr_db
 import lidcam as library
 from lidcam.pipeline.core.arrays import U8
 
-PROGRAM = Path(sys.executable).with_name("lidcam-process")
 PART = ("--config", "sandbox", "--duration", "0.3", "--set", CLUSTERS)
 SAME: dict[str, Any] = {"config": "sandbox", "duration_s": 0.3, "settings": [CLUSTERS]}
 """The same in Python."""
 
 CAMERA = "cam11"
-
-
-def process(recording: Path, *options: object) -> subprocess.CompletedProcess[str]:
-    command = [PROGRAM, recording, *options]
-    return subprocess.run([str(one) for one in command], capture_output=True, text=True, check=False)
 
 
 def images_of(film: Path) -> list[U8]:
@@ -39,10 +31,10 @@ def images_of(film: Path) -> list[U8]:
 @pytest.fixture(scope="module")
 def made(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
-    outputs = (folder / "out.mcap", "--video", folder / "out.mp4", "--save-matches", folder / "images")
-    done = process(sandbox, *outputs, *PART, "--workers", 1)
-    assert done.returncode == 0, done.stderr
-    assert f"lidcam view {folder / 'out.mcap'} (or .mp4)" in done.stdout
+    outputs = ("out.mcap", "--video", "out.mp4", "--save-matches", "images")
+    done = called(folder, sandbox, *outputs, *PART, "--workers", 1, program="lidcam-process")
+    assert done.code == 0, done.err
+    assert "lidcam view out.mcap (or .mp4)" in done.out
     return folder
 
 

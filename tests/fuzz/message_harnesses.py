@@ -106,6 +106,11 @@ def _of_messages(msgtype: str, decode: Callable[[RawMessage], Any], fields: Call
     return Harness(run, seeds)
 
 
+def _limited(msgtype: str, decode: Callable[..., Any], fields: Callable[[], list[Fields]]) -> Harness:
+    """A decoder of messages that heeds limits."""
+    return _of_messages(msgtype, partial(decode, limits=LIMITS), fields)
+
+
 OBJECTS = "vision_msgs/msg/Detection3DArray"
 
 
@@ -340,22 +345,14 @@ def _track_seeds() -> list[bytes]:
 
 
 MESSAGES: dict[str, Harness] = {
-    "pointcloud2": _of_messages("sensor_msgs/msg/PointCloud2", partial(decode_pointcloud2, limits=LIMITS), _clouds),
-    "pointcloud": _of_messages(
-        "sensor_msgs/msg/PointCloud", partial(decode_pointcloud, limits=LIMITS), lambda: [_old_cloud()]
+    "pointcloud2": _limited("sensor_msgs/msg/PointCloud2", decode_pointcloud2, _clouds),
+    "pointcloud": _limited("sensor_msgs/msg/PointCloud", decode_pointcloud, lambda: [_old_cloud()]),
+    "compressed_cloud": _limited(
+        "point_cloud_interfaces/msg/CompressedPointCloud2", decode_compressed_cloud, _compressed_clouds
     ),
-    "compressed_cloud": _of_messages(
-        "point_cloud_interfaces/msg/CompressedPointCloud2",
-        partial(decode_compressed_cloud, limits=LIMITS),
-        _compressed_clouds,
-    ),
-    "livox": _of_messages(
-        "livox_ros_driver/msg/CustomMsg", partial(decode_livox, limits=LIMITS), lambda: [_livox(0), _livox(3)]
-    ),
-    "image": _of_messages("sensor_msgs/msg/Image", partial(decode_any_image, limits=LIMITS), images),
-    "compressed_image": _of_messages(
-        "sensor_msgs/msg/CompressedImage", partial(decode_any_image, limits=LIMITS), _compressed
-    ),
+    "livox": _limited("livox_ros_driver/msg/CustomMsg", decode_livox, lambda: [_livox(0), _livox(3)]),
+    "image": _limited("sensor_msgs/msg/Image", decode_any_image, images),
+    "compressed_image": _limited("sensor_msgs/msg/CompressedImage", decode_any_image, _compressed),
     "camera_info": _of_messages("sensor_msgs/msg/CameraInfo", _decode_info, lambda: [info()]),
     "tf": _of_messages("tf2_msgs/msg/TFMessage", _decode_tf, lambda: [_tree(*EDGES), _tree(*EDGES, ("c", "a"))]),
     "odometry": _of_messages("nav_msgs/msg/Odometry", decode_odometry, lambda: [odometry(stamp_ns=T0)]),
@@ -367,9 +364,7 @@ MESSAGES: dict[str, Harness] = {
     ),
     "detections3d": Harness(_objects, _object_seeds),
     "detected_objects": Harness(_detected_objects, _detected_seeds),
-    "diagnostics": _of_messages(
-        "diagnostic_msgs/msg/DiagnosticArray", partial(decode_diagnostics, limits=LIMITS), lambda: [_status()]
-    ),
+    "diagnostics": _limited("diagnostic_msgs/msg/DiagnosticArray", decode_diagnostics, lambda: [_status()]),
     "tracks": Harness(_tracks, _track_seeds),
     "velodyne_scan": _of_messages(
         "velodyne_msgs/msg/VelodyneScan", lambda m: VelodyneDecoders(Config().velodyne)[m.topic](m), _scans

@@ -1,13 +1,9 @@
 """A drive of a second as messages: a lidar, a camera with its calibration and boxes, and the vehicle's motion."""
 
-import tempfile
 from collections.abc import Sequence
-from functools import cache
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import zstandard
 from builders import (
     camera_info,
     detection2d_array,
@@ -17,9 +13,7 @@ from builders import (
     raw,
     tf_message,
     transform_stamped,
-    write_mcap,
 )
-from small_scenario import write_small_scenario
 
 from lidcam.pipeline.core.messages import RawMessage
 
@@ -70,20 +64,3 @@ def small_drive(
             kind = "vision_msgs/msg/Detection2DArray"
             messages.append(raw("/cam/detections", kind, boxes, at_ns, at_ns + 9_000_000, encoding))
     return messages
-
-
-@cache
-def small_inputs() -> Path:
-    """A folder with a small drive, a damaged and a compressed one, and a scenario; it goes with this process."""
-    folder = tempfile.TemporaryDirectory(prefix="small_inputs-")
-    _KEPT.append(folder)
-    path = Path(folder.name)
-    write_mcap(path / "drive.mcap", small_drive("cdr", frames=30, kinds=("images", "boxes")))
-    whole = (path / "drive.mcap").read_bytes()
-    (path / "damaged.mcap").write_bytes(whole[: len(whole) * 3 // 4])
-    (path / "drive.mcap.zstd").write_bytes(zstandard.compress(whole))
-    write_small_scenario(path / "small.yaml")
-    return path
-
-
-_KEPT: list[object] = []
