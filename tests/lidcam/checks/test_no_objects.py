@@ -14,7 +14,6 @@ from lidcam.checks.no_objects import MODEL_CARS, REMEDY, ObjectCheck
 from lidcam.pipeline.core.detections import Fused
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import RecordedDetector, Rig
-from lidcam.pipeline.core.settings.config import Config
 from lidcam.run.choice import AS_GIVEN, UsedSettings
 from lidcam.run.scene import SceneSize
 from lidcam.run.warning import RunWarning
@@ -48,10 +47,8 @@ def test_each_step_is_told(config: str | None, settings: list[str], finding: str
     assert warning.remedy == remedy + REMEDY
 
 
-def warnings_of(
-    *frames: FrameResult, rig: Rig = RIG, config: Config = CONFIG, used: UsedSettings = AS_GIVEN
-) -> tuple[RunWarning, ...]:
-    check = ObjectCheck(MemoryRecording([]), rig, config, used, moves=False)
+def warnings_of(*frames: FrameResult, rig: Rig = RIG, used: UsedSettings = AS_GIVEN) -> tuple[RunWarning, ...]:
+    check = ObjectCheck(MemoryRecording([]), rig, CONFIG, used, moves=False)
     for one in frames:
         check.add_frame(one)
     return tuple(check.warnings)

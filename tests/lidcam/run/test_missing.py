@@ -64,8 +64,8 @@ def test_sensors_that_fall_silent_together_share_a_warning() -> None:
     assert [warning.subject for warning in silence_warnings(boxes_alone)] == ["cam2 (boxes)"]
 
 
-def absent(*names: str, frames: int = 20, of_frames: int = 20) -> list[MissingSensor]:
-    return [MissingSensor(name, f"/{name}", frames, of_frames, ()) for name in names]
+def absent(*names: str, frames: int = 20) -> list[MissingSensor]:
+    return [MissingSensor(name, f"/{name}", frames, 20, ()) for name in names]
 
 
 @pytest.mark.parametrize(

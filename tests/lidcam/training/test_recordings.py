@@ -18,12 +18,10 @@ from lidcam.training.recordings import read_recordings, tracked_objects
 SANDBOX = Path(__file__).resolve().parents[3] / "bags" / "sandbox.bag"
 
 
-def read(
-    folder: Path, *settings: str, duration_s: float | None = None, own_labels: bool = False, path: Path = SANDBOX
-) -> Recordings:
+def read(folder: Path, *settings: str, duration_s: float | None = None, own_labels: bool = False) -> Recordings:
     folder.mkdir()
     return read_recordings(
-        [str(path)],
+        [str(SANDBOX)],
         folder,
         check=lambda _: None,
         progress=lambda *_: None,

@@ -67,11 +67,11 @@ def driving(*stamps_ms: int) -> PoseSamples:
     return PoseSamples("site", "odom", STAMP_NS + np.array(stamps_ms, np.int64) * MS, poses)
 
 
-def street(seed: int = 0, *, z: float = -1.7) -> F64:
+def street() -> F64:
     """A floor with a block on it, and one stray point as the last."""
-    rng = np.random.default_rng(seed)
-    floor = np.column_stack([rng.uniform(-20, 20, (8000, 2)), rng.normal(z, 0.01, 8000)])
-    block = rng.uniform((5, -1, z + 0.3), (9, 1, z + 1.5), (3000, 3))
+    rng = np.random.default_rng(0)
+    floor = np.column_stack([rng.uniform(-20, 20, (8000, 2)), rng.normal(-1.7, 0.01, 8000)])
+    block = rng.uniform((5, -1, -1.4), (9, 1, -0.2), (3000, 3))
     return np.concatenate([floor, block, [[0, 90, 40]]])
 
 

@@ -22,8 +22,8 @@ def car(x: float, y: float, yaw: float = 0.0) -> Box:
     return (x, y, 0.8, 4.2, 1.75, 1.5, yaw)
 
 
-def detect(points: F64, config: Config | None = None) -> Boxes3D:
-    return Detect3D(rig(LIDAR), config or GEOMETRIC)(combined(points))
+def detect(points: F64) -> Boxes3D:
+    return Detect3D(rig(LIDAR), GEOMETRIC)(combined(points))
 
 
 def yaw_error_deg(found: float, true: float) -> float:

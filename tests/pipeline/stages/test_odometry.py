@@ -37,17 +37,9 @@ def at(x: float, y: float = 0.0, yaw_deg: float = 0.0) -> F64:
     return pose_matrix(Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix(), (x, y, 0.0))
 
 
-def seen(
-    T_world_site: F64,
-    world: F64 = WORLD,
-    *,
-    seed: int = 0,
-    more: F64 | None = None,
-    scale: float = 1.0,
-    density: float = 3.0,
-) -> F64:
+def seen(T_world_site: F64, world: F64 = WORLD, *, seed: int = 0, more: F64 | None = None, scale: float = 1.0) -> F64:
     """What lies within 30 m of the rig, in its frame; `more` are points of the world."""
-    points = on_surfaces(world, density, np.random.default_rng(seed))
+    points = on_surfaces(world, 3.0, np.random.default_rng(seed))
     points = points if more is None else np.concatenate([points, more])
     site = (points - T_world_site[:3, 3]) @ T_world_site[:3, :3]
     return np.asarray(site[np.linalg.norm(site, axis=1) < 30] * scale)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from detections import boxes2d, boxes3d, camera_rig, matches
-from fusion_stages import associate_of, place_of, propose_of
+from fusion_stages import associate_of, place_of
 from lidar_scene import combined, rig, scan
 from seen_boxes import Box, camera_at, seen_by, views_of
 
@@ -15,10 +15,11 @@ from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Matches, Source
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
 from lidcam.pipeline.fusion.cameras.sightings import see
 from lidcam.pipeline.stages import propose as propose_stage
 from lidcam.pipeline.stages.detect3d import Detect3D
-from lidcam.pipeline.stages.propose import Proposed, find_partners
+from lidcam.pipeline.stages.propose import Propose, Proposed, find_partners
 
 CONFIG = Config()
 CAR, BICYCLE, TRUCK = 0, 2, 3
@@ -40,7 +41,8 @@ def cloud_of(*boxes: Box) -> F64:
 def proposed(sensors: Rig, frame: CombinedCloud, lidar: Boxes3D, boxes2d: Mapping[str, Boxes2D]) -> Proposed:
     views = views_of(*sensors.cameras)
     placed, matches = place_of(sensors)(frame, boxes2d, views), associate_of(sensors)(lidar, boxes2d, views)
-    return propose_of(sensors)(frame, lidar, matches, placed)
+    classes, settings = CONFIG.classes, CONFIG.detect3d.cluster
+    return Propose(sensors, BoxFitter(sensors, classes, settings), settings, classes)(frame, lidar, matches, placed)
 
 
 def propose(

@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fusion_stages import reshape_of
 from lidar_scene import Box, combined, rig, scan
 
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes3D, Hypotheses
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import load_config
+from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
 from lidcam.pipeline.stages.detect3d import Detect3D
+from lidcam.pipeline.stages.reshape import Reshape
 
 LIDAR = (0.0, 0.0, 1.8)
 CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
@@ -34,7 +35,8 @@ def reshaped(
     """The boxes after a change of their classes."""
     boxes = lidar if proposed is None else lidar.joined(proposed)
     hypotheses = Hypotheses(replace(boxes, class_ids=np.array(class_ids, np.int32)), {}, len(lidar))
-    result = reshape_of(rig(LIDAR), config)(cloud, hypotheses, lidar)
+    fitter = BoxFitter(rig(LIDAR), config.classes, config.detect3d.cluster)
+    result = Reshape(fitter, config.detect3d, config.classes)(cloud, hypotheses, lidar)
     assert (result.lidar_count, result.matches) == (hypotheses.lidar_count, {})
     return result.boxes
 

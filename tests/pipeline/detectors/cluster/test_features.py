@@ -19,9 +19,9 @@ def features(points: F64, *rows: F64) -> dict[str, F64]:
     return dict(zip(FEATURES, found.T, strict=True))
 
 
-def cloud(count: int, seed: int = 0) -> F64:
+def cloud(count: int) -> F64:
     """Points about the box, in the site frame, with heights above the ground."""
-    return np.random.default_rng(seed).uniform([6, 1, 0], [14, 7, 4.5], (count, 3))
+    return np.random.default_rng(0).uniform([6, 1, 0], [14, 7, 4.5], (count, 3))
 
 
 def test_columns_mean_what_they_are_called() -> None:

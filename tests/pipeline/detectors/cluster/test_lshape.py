@@ -15,9 +15,9 @@ from lidcam.pipeline.detectors.cluster.lshape import (
 ONE = np.array([0])
 
 
-def corner(angle: float, *, length: float = 4.0, width: float = 1.7, noise_m: float = 0.01) -> F64:
+def corner(angle: float, *, noise_m: float = 0.01) -> F64:
     """Two sides of a rectangle that meet at (5, 3)."""
-    along, across = np.linspace(0, length, 80), np.linspace(0, width, 40)
+    along, across = np.linspace(0, 4.0, 80), np.linspace(0, 1.7, 40)
     points = np.concatenate([np.stack([along, 0 * along], 1), np.stack([0 * across, across], 1)])
     points += noise_m * np.random.default_rng(0).standard_normal(points.shape)
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])

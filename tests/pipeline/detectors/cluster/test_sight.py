@@ -16,19 +16,19 @@ BOARD: Box = (36.0, 0.0, 2.7, 0.3, 2.5, 1.6, 0.0)
 RINGS = (-24.8, 5.0, 96)
 
 
-def found_near(x_m: float, *scene: Box) -> list[int]:
-    """Classes of the boxes within 6 m of a place ahead."""
+def found_ahead(*scene: Box) -> list[int]:
+    """Classes of the boxes within 6 m of a place 40 m ahead."""
     boxes = Detect3D(rig(LIDAR), Config())(combined(scan(LIDAR, [*scene], rings=RINGS)))
-    return [int(one) for one in boxes.class_ids[np.hypot(boxes.centers[:, 0] - x_m, boxes.centers[:, 1]) < 6]]
+    return [int(one) for one in boxes.class_ids[np.hypot(boxes.centers[:, 0] - 40.0, boxes.centers[:, 1]) < 6]]
 
 
 def test_a_lorry_behind_a_car_is_found_and_a_board_in_the_air_is_not() -> None:
     points = scan(LIDAR, [CAR, LORRY], rings=RINGS)
     assert points[points[:, 0] > 30, 2].min() > Config().detect3d.cluster.max_bottom_m
-    assert found_near(40.0, CAR, LORRY) == [TRUCK]
-    assert found_near(40.0, BOARD) == []
+    assert found_ahead(CAR, LORRY) == [TRUCK]
+    assert found_ahead(BOARD) == []
     beside: Box = (15.0, 6.0, 0.8, 4.0, 3.0, 1.6, 0.0)
-    assert found_near(40.0, BOARD, beside) == []
+    assert found_ahead(BOARD, beside) == []
 
 
 @pytest.mark.parametrize(

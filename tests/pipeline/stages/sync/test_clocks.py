@@ -39,11 +39,9 @@ def since_t0(stamp_ns: int) -> float:
     return round(stamp_ns / S - T0_S, 3) if stamp_ns else 0.0
 
 
-def steady(
-    topics: str = "ab", start: int = 0, stop: int = 10, shift_s: float = 0, delay_s: float = 0.05
-) -> list[Recorded]:
+def steady(topics: str = "ab", start: int = 0, stop: int = 10, shift_s: float = 0) -> list[Recorded]:
     """10 Hz from the tenth `start` to `stop` of the log, with stamps shifted."""
-    return [(topic, k / 10 + shift_s, k / 10 + delay_s) for k in range(start, stop) for topic in topics]
+    return [(topic, k / 10 + shift_s, k / 10 + 0.05) for k in range(start, stop) for topic in topics]
 
 
 def stamps(recorded: Iterable[Recorded], topic: str) -> list[float]:
