@@ -204,16 +204,8 @@ ALIASES = "a: &a [1, 1, 1]\n" + "\n".join(
 MERGES = "a: &a {x: 1, y: 2}\n" + "\n".join(
     f"{chr(98 + i)}: &{chr(98 + i)}\n  <<: [{', '.join([f'*{chr(97 + i)}'] * 9)}]" for i in range(9)
 )
-HOSTILE_YAML = [
-    ALIASES,
-    MERGES,
-    "a: &a [*a]",
-    "[" * 3000,
-    "a: 2001-99-99",
-    f"a: {'9' * 5000}",
-    "a: 1e99999",
-    "? [a]\n: b",
-]
+VALUES = "a: &a [*a]", "[" * 3000, "a: 2001-99-99", f"a: {'9' * 5000}", "a: 1e99999", "? [a]\n: b"
+HOSTILE_YAML = [ALIASES, MERGES, *VALUES]
 
 
 def _calibration() -> str:

@@ -127,27 +127,23 @@ def images() -> list[Fields]:
     rng = np.random.default_rng(0)
     names = ("rgb8", "mono16", "bayer_rggb8", "uyvy", "nv12", "nv24")
     shapes = ((4, 4, 3), (4, 8), (4, 4), (4, 8), (6, 4), (12, 4))
-    images = [
-        dict(image(rng.integers(0, 256, shape, np.uint8), stamp_ns=T0, encoding=name))
+    return [
+        {**image(rng.integers(0, 256, shape, np.uint8), stamp_ns=T0, encoding=name), "width": 4, "height": 4}
         for name, shape in zip(names, shapes, strict=True)
     ]
-    return [{**image, "width": 4, "height": 4} for image in images]
 
 
 def _compressed() -> list[Fields]:
     pixels = np.random.default_rng(0).integers(0, 256, (6, 8, 3), np.uint8)
-    kinds = [".jpg", ".png", ".webp", ".bmp", ".avif", ".tiff"]
-    formats = [
-        "jpeg",
-        "rgb8; png compressed bgr8",
-        "webp",
-        "bayer_rggb8; png compressed",
-        "avif",
-        "bgr8; tiff compressed bgr8",
-    ]
+    names = {
+        "bgr8; tiff compressed bgr8": "tiff",
+        "bayer_rggb8; png compressed": "bmp",
+        "rgb8; png compressed bgr8": "png",
+    }
+    names |= {kind: kind for kind in ("jpeg", "webp", "avif")}
     return [
-        {"header": header(T0, "camera"), "format": kind, "data": cv2.imencode(suffix, pixels)[1].reshape(-1)}
-        for suffix, kind in zip(kinds, formats, strict=True)
+        {"header": header(T0, "camera"), "format": kind, "data": cv2.imencode(f".{suffix}", pixels)[1].reshape(-1)}
+        for kind, suffix in names.items()
     ]
 
 
@@ -165,23 +161,21 @@ def _objects(data: bytes) -> None:
     definition, _ = message_types(version).generate_msgdef(OBJECTS, ros_version=version)
     channel = Channel("/objects", OBJECTS, encoding, definition, form)  # type: ignore[arg-type]  # of these words
     message = RawMessage(T0, T0, (0, 0), data[1:], channel)
-    hold(lambda message: decode_detections3d(message, limits=LIMITS), message)
+    hold(partial(decode_detections3d, limits=LIMITS), message)
     _detected(message)
 
 
 def _detected_objects(data: bytes) -> None:
     """Objects of Autoware."""
-    source = autoware_message(T0, [], topic="/objects")
-    _detected(source._replace(data=data))
+    _detected(autoware_message(T0, [], topic="/objects")._replace(data=data))
 
 
 def _detected(message: RawMessage) -> None:
     """The boxes of a detector, up to those of the frame."""
     site = {name: Transform.identity("site", name) for name in ("site", "a")}
     rig = Rig("site", (), (), (), detectors=(RecordedDetector("objects", "/objects", "site", site),))
-    config = CONFIG
     bundle = SensorBundle(0, T0, T0, {"/objects": message})
-    hold(lambda one: Recorded3D(rig)(one, RecordedBoxes3D(rig, config, on_bad="fail")(one)), bundle)
+    hold(lambda one: Recorded3D(rig)(one, RecordedBoxes3D(rig, CONFIG, on_bad="fail")(one)), bundle)
 
 
 def _detected_seeds() -> list[bytes]:
@@ -197,11 +191,8 @@ def _detected_seeds() -> list[bytes]:
 
 def _object_seeds() -> list[bytes]:
     box = {"center": {"position": {"x": 1.0}, "orientation": {"w": 1.0}}, "size": {"x": 4.0, "y": 2.0, "z": 1.5}}
-    of_ros1 = {
-        "results": [{"id": 1, "score": 1.0}, {"id": -1, "score": 9.0}],
-        "bbox": box,
-        "source_cloud": _clouds()[0],
-    }
+    numbers = [{"id": 1, "score": 1.0}, {"id": -1, "score": 9.0}]
+    of_ros1 = {"results": numbers, "bbox": box, "source_cloud": _clouds()[0]}
     of_ros2 = {"results": [{"hypothesis": {"class_id": name}} for name in ("car", "lidar_points")], "bbox": box}
     seeds = []
     for count in (0, 1, 3):
@@ -251,11 +242,8 @@ struct A { std_msgs::msg::Header header; double x[3]; sequence<a::msg::B, 4> par
 IDL: a/msg/B
 module a { module msg { struct B { int32 number; }; }; };
 """
-FORMATS: tuple[tuple[Encoding, Literal["ros1msg", "ros2msg", "ros2idl"]], ...] = (
-    ("ros1", "ros1msg"),
-    ("cdr", "ros2msg"),
-    ("cdr", "ros2idl"),
-)
+Form = Literal["ros1msg", "ros2msg", "ros2idl"]
+FORMATS: tuple[tuple[Encoding, Form], ...] = ("ros1", "ros1msg"), ("cdr", "ros2msg"), ("cdr", "ros2idl")
 
 
 def _definition(data: bytes) -> None:
@@ -266,11 +254,7 @@ def _definition(data: bytes) -> None:
     definition_problem(source)
     for content in (bytes(400), bytes([0, 1, 0, 0, *b"\2\0\0\0" * 40])):
         hold(deserialize, RawMessage(T0, T0, (0, 0), content, source))
-    hold(_hash, source)
-
-
-def _hash(source: Channel) -> None:
-    typestore_for(source).hash_rihs01("a/msg/A")
+    hold(lambda: typestore_for(source).hash_rihs01("a/msg/A"))
 
 
 def _definition_seeds() -> list[bytes]:
