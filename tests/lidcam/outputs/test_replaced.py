@@ -133,13 +133,12 @@ def test_marked_text_is_unchanged_until_it_is_changed(text: str) -> None:
     assert [is_unchanged_text(one) for one in (marked, f"{marked} ", text)] == [True, False, False]
 
 
-def folder_of(results: Path, folder: Path) -> Path:
-    shutil.copytree(results, folder / "files")
-    return folder / "files"
+@pytest.fixture
+def files(results: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(results, tmp_path / "files")
 
 
-def test_results_are_replaced_and_an_edited_layout_is_not(results: Path, tmp_path: Path) -> None:
-    files = folder_of(results, tmp_path)
+def test_results_are_replaced_and_an_edited_layout_is_not(files: Path) -> None:
     outputs = [files / f"out.{kind}" for kind in ("mcap", "rrd", "csv", "parquet")]
     lidcam.process(files / "rec.mcap", outputs, settings=[CLUSTERS], start_s=0.1)
     with (files / "out.foxglove.json").open("a") as file:
@@ -152,8 +151,7 @@ def test_results_are_replaced_and_an_edited_layout_is_not(results: Path, tmp_pat
     lidcam.process(files / "rec.mcap", outputs, settings=["output.layout=false", CLUSTERS])
 
 
-def test_each_command_replaces_only_its_own(results: Path, tmp_path: Path) -> None:
-    files = folder_of(results, tmp_path)
+def test_each_command_replaces_only_its_own(files: Path) -> None:
     inspect(files / "rec.mcap", write_rig=files / "rig.yaml", repair=files / "repaired.mcap")
     simulate(files / "sim.bag")
     with (files / "rig.yaml").open("a") as file:
@@ -169,20 +167,18 @@ def test_each_command_replaces_only_its_own(results: Path, tmp_path: Path) -> No
     assert recognised(files / "rec.bag") == ["simulated"]
 
 
-def test_no_output_is_an_input(results: Path, tmp_path: Path) -> None:
-    files = folder_of(results, tmp_path)
+def test_no_output_is_an_input(files: Path) -> None:
     (files / "hard.mcap").hardlink_to(files / "rec.mcap")
     (files / "link.mcap").symlink_to("rec.mcap")
     inputs = ["rec.mcap", "rec/../rec.mcap", "hard.mcap", "link.mcap", "rec.mcap-wal", "rec/metadata.yaml", "rec"]
     for name in inputs:
         with pytest.raises(OutputError, match="is an input of this run"):
-            check_no_input([tmp_path / "new.mcap", files / name], [files / "rec.mcap", files / "rec"])
+            check_no_input([files / "new.mcap", files / name], [files / "rec.mcap", files / "rec"])
     check_no_input([files / "new.mcap", files / "out.mcap", files / "a\0b"], [files / "rec.mcap", files / "rec"])
 
 
 @pytest.mark.parametrize("kind", ["rig", "config", "model_2d", "model_3d"])
-def test_a_file_that_the_run_reads_is_not_replaced(results: Path, tmp_path: Path, kind: str) -> None:
-    files = folder_of(results, tmp_path)
+def test_a_file_that_the_run_reads_is_not_replaced(files: Path, kind: str) -> None:
     read = (files / "rig.yaml").rename(files / "read.foxglove.json")
     if kind == "config":
         read.write_text(marked_yaml("output: {images: false}\n"))

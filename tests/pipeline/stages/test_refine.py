@@ -42,12 +42,10 @@ def errors(boxes: Boxes3D, truth: Boxes3D) -> F64:
     return np.column_stack([boxes.centers[:, :2] - truth.centers[:, :2], wrap_angle(boxes.yaws - truth.yaws)])
 
 
-def refined(rig: Rig, scene: FusionScene, settings: Mapping[str, Any]) -> Boxes3D:
-    views = {camera.name: replace(camera, fit=EXACT) for camera in rig.cameras}
-    matches = associate_of(rig)(scene.lidar, scene.seen, views)
-    hypotheses = Hypotheses(scene.lidar, matches, len(scene.lidar))
-    config = FuseConfig.model_validate({"outline_sigma": 0.0, **settings})
-    return Refine(rig, config)(hypotheses, scene.seen, views).boxes
+def refined(rig: Rig, scene: FusionScene, pixel_sigma_px: float) -> Boxes3D:
+    rig = known_as(rig, EXACT)
+    matches = associate_of(rig)(scene.lidar, scene.seen, {camera.name: camera for camera in rig.cameras})
+    return fitted(rig, Hypotheses(scene.lidar, matches, len(scene.lidar)), scene.seen, pixel_sigma_px=pixel_sigma_px)
 
 
 @pytest.mark.parametrize(
@@ -63,7 +61,7 @@ def test_scenes_of_the_original(deviations: tuple[float, float, float] | None, m
         if deviations:
             covariances = np.tile(np.diag(np.square(deviations)), (len(scene.lidar), 1, 1))
             scene = replace(scene, lidar=replace(scene.lidar, covariances=covariances))
-        found = refined(rig, scene, {"pixel_sigma_px": 3.0})
+        found = refined(rig, scene, 3.0)
         before, after = errors(scene.lidar, scene.truth), errors(found, scene.truth)
         table = np.column_stack([place(before), heading(before), place(after), heading(after)])
         by_noise.setdefault((scene.position_noise_m, scene.pixel_noise_px), []).append(table[scene.judged])
@@ -83,7 +81,7 @@ def test_covariances_of_the_scenes_are_honest() -> None:
     squared: list[float] = []
     for scene in scenes:
         if scene.judged.any():
-            found = refined(rig, scene, {"pixel_sigma_px": scene.pixel_noise_px})
+            found = refined(rig, scene, scene.pixel_noise_px)
             squared.extend(squared_distances(found, scene.truth)[scene.judged])
     assert_honest(squared, 0.025)
 
