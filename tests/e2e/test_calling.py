@@ -17,10 +17,6 @@ PROGRAM = Path(sys.executable).with_name("lidcam")
 PART = ("--duration", "0.4", "--set", CLUSTERS)
 
 
-def frames_in(path: Path) -> int:
-    return topics_of(path)["/fused/detections"][1]
-
-
 @pytest.mark.parametrize(
     "command",
     [
@@ -35,7 +31,7 @@ def test_a_reader_that_leaves_does_not_end_the_run(command: str, sandbox: Path, 
     assert done.out.splitlines()[1:] == ["0"]
     if "out.mcap" in command:
         assert sorted(path.name for path in tmp_path.iterdir()) == ["out.foxglove.json", "out.mcap"]
-        assert frames_in(tmp_path / "out.mcap") >= 2
+        assert topics_of(tmp_path / "out.mcap")["/fused/detections"][1] >= 2
 
 
 @pytest.mark.skipif(shutil.which("script") is None, reason="needs script of util-linux")

@@ -34,10 +34,6 @@ def figures_of(page: str) -> dict[str, Any]:
     return tree
 
 
-def without_scripts(page: str) -> str:
-    return re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
-
-
 def test_a_run_and_the_command_write_the_same(folder: Path) -> None:
     done = called(folder, "report", "out.mcap", "--out", "again.html")
     assert (done.code, done.err.splitlines()[-1]) == (0, "wrote again.html")
@@ -58,7 +54,7 @@ def test_a_page_about_a_damaged_result_says_so(folder: Path) -> None:
 
 def test_a_page_says_what_was_seen_and_stands_alone(folder: Path) -> None:
     page = (folder / "out.html").read_text(encoding="utf-8")
-    content = without_scripts(page)
+    content = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     assert "2 road users in 0.4 s: 2 \u00d7 car. 2 moved." in content
     assert "sandbox.bag" in content
     assert str(folder) not in page

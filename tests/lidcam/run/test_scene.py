@@ -87,10 +87,6 @@ def test_nothing_to_measure(messages: list[RawMessage]) -> None:
     assert measure_scene(MemoryRecording(messages), rig(1.0), Config()) is None
 
 
-def broken(message: RawMessage) -> RawMessage:
-    return message._replace(data=bytes(message.data)[:-5])
-
-
 @pytest.mark.parametrize(("late", "read"), [([], 3), (range(50, 60), 23)], ids=["first clouds", "a late lidar"])
 def test_no_more_is_read_than_is_needed_and_no_lidar_is_waited_for_long(late: Sequence[int], read: int) -> None:
     xyz = floor(8, 4, 0.3)
@@ -100,7 +96,9 @@ def test_no_more_is_read_than_is_needed_and_no_lidar_is_waited_for_long(late: Se
 
 
 def test_the_effort_is_bounded_where_no_cloud_can_be_decoded() -> None:
-    recording = Counting([broken(cloud(0, floor(8, 4, 0.3)))._replace(log_time_ns=START_NS + n) for n in range(300)])
+    whole = cloud(0, floor(8, 4, 0.3))
+    broken = whole._replace(data=whole.data[:-5])
+    recording = Counting([broken._replace(log_time_ns=START_NS + n) for n in range(300)])
     assert measure_scene(recording, rig(0.3), Config()) is None
     assert recording.read == MAX_MESSAGES
 

@@ -26,23 +26,13 @@ def detect(points: F64) -> Boxes3D:
     return Detect3D(rig(LIDAR), GEOMETRIC)(combined(points))
 
 
-def yaw_error_deg(found: float, true: float) -> float:
-    """Without motion front and rear look alike, so half a turn is no error."""
-    off = (found - true) % np.pi
-    return float(np.rad2deg(min(off, np.pi - off)))
-
-
-def assert_found(boxes: Boxes3D, truth: Box, *, within_m: float, within_deg: float) -> int:
+def assert_found(boxes: Boxes3D, truth: Box, *, within_m: float) -> int:
     distance = np.hypot(boxes.centers[:, 0] - truth[0], boxes.centers[:, 1] - truth[1])
     row = int(distance.argmin())
     assert distance[row] <= within_m
-    assert yaw_error_deg(boxes.yaws[row], truth[6]) <= within_deg
+    off = (boxes.yaws[row] - truth[6]) % np.pi  # without motion front and rear look alike
+    assert np.rad2deg(min(off, np.pi - off)) <= 3.0
     return row
-
-
-def assert_same(one: Boxes3D, other: Boxes3D) -> None:
-    for name in ("centers", "sizes", "yaws", "scores", "class_ids", "point_counts", "covariances", "measured_ns"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
 @pytest.mark.parametrize(
@@ -57,7 +47,7 @@ def assert_same(one: Boxes3D, other: Boxes3D) -> None:
 def test_car_seen_by_one_lidar(truth: Box) -> None:
     boxes = detect(scan(LIDAR, [truth], noise_m=0.01))
     assert len(boxes) == 1
-    assert_found(boxes, truth, within_m=0.2, within_deg=3.0)
+    assert_found(boxes, truth, within_m=0.2)
     assert boxes.class_ids.tolist() == [CAR]
     assert boxes.centers[0, 2] - boxes.sizes[0, 2] / 2 == pytest.approx(0.0, abs=1e-9)
     assert boxes.sizes[0] == pytest.approx([4.1, 1.75, 1.55], abs=0.2)
@@ -96,13 +86,13 @@ def test_cars_parked_close_together_stay_apart(gap_m: float, range_m: float) -> 
     boxes = detect(scan(LIDAR, row))
     assert len(boxes) == 3
     for truth in row:
-        assert_found(boxes, truth, within_m=0.35, within_deg=3.0)
+        assert_found(boxes, truth, within_m=0.35)
 
 
 def test_branch_over_a_car_is_no_part_of_it() -> None:
     crown: Box = (11.0, 3.0, 3.2, 6.0, 4.0, 1.4, 0.3)
     boxes = detect(scan(LIDAR, [car(11, 2), crown], rings=(-24.8, 15.0, 96)))
-    row = assert_found(boxes, car(11, 2), within_m=0.25, within_deg=3.0)
+    row = assert_found(boxes, car(11, 2), within_m=0.25)
     assert boxes.sizes[row, 2] == pytest.approx(1.5, abs=0.15)
 
 
@@ -188,4 +178,6 @@ def test_recorded_boxes_are_joined_whatever_the_order_of_the_messages(
     assert joined.centers[:, 0].tolist() == x
     np.testing.assert_array_equal(joined.scores, np.array(scores, np.float32))
     assert (joined.stamp_ns, joined.frame_id) == (1, "site")
-    assert_same(joined, Recorded3D(RIG)(FRAME, dict(reversed(found.items()))))
+    other = Recorded3D(RIG)(FRAME, dict(reversed(found.items())))
+    for name in ("centers", "sizes", "yaws", "scores", "class_ids", "point_counts", "covariances", "measured_ns"):
+        np.testing.assert_array_equal(getattr(joined, name), getattr(other, name), err_msg=name)

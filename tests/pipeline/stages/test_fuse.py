@@ -13,16 +13,12 @@ CLASSES = len(Config().classes)
 PLACE = (5.0, 1.0, 0.5, 4.0, 1.8, 1.5, 0.3)
 
 
-def hypotheses(count: int, *pairs: tuple[int, int]) -> Hypotheses:
-    return Hypotheses(boxes3d([PLACE] * count), {"cam": matches(pairs, np.zeros((count, 4)))}, count)
-
-
 def fuse(min_score: float) -> Fuse:
     return Fuse(FuseConfig(min_score=min_score), class_count=CLASSES)
 
 
 def test_what_is_probable_enough_is_an_object_and_its_score_the_probability() -> None:
-    found = hypotheses(4, (1, 0), (3, 1))
+    found = Hypotheses(boxes3d([PLACE] * 4), {"cam": matches([(1, 0), (3, 1)], np.zeros((4, 4)))}, 4)
     fused = fuse(0.5)(found, np.array([0.49, 0.5, 0.51, 0.9]))
     assert fused.rows.tolist() == [1, 2, 3]
     assert fused.matched.tolist() == [1, 0, 1]

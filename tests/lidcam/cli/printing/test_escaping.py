@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from logging_state import kept_logging
-from rich.console import Console
 from rich.text import Text
 
 from lidcam.cli.printing.escaping import json_text, visible, visible_lines
@@ -54,17 +53,10 @@ def test_json_says_the_same_and_holds_nothing_that_a_terminal_obeys(tree: object
     assert text.replace("\n", "").isprintable()
 
 
-def a_console(*, is_terminal: bool) -> tuple[Console, io.StringIO]:
-    out, file = console(), io.StringIO()
-    out.file = file
-    out._force_terminal = is_terminal
-    return out, file
-
-
 @pytest.mark.parametrize("is_terminal", [False, True])
 def test_a_console_lets_nothing_through(is_terminal: bool) -> None:
-    out, file = a_console(is_terminal=is_terminal)
-    out.no_color = True
+    out, file = console(), io.StringIO()
+    out.file, out._force_terminal, out.no_color = file, is_terminal, True
     out.print(HOSTILE, highlight=False)
     out.print(Text(HOSTILE.replace("\n", "")), highlight=False)  # even what was not made visible before
     show_line(out, HOSTILE)

@@ -67,11 +67,6 @@ def python(value: object) -> str:
     return f"({', '.join(map(python, value))},)" if isinstance(value, list) else repr(value)
 
 
-def load(content: bytes, path: Path) -> KitNetwork:
-    path.write_bytes(content)
-    return KitNetwork(path, OnnxSession(path))
-
-
 @pytest.mark.parametrize("name", CONFIGS)
 def test_the_file_finds_what_the_network_finds(tmp_path: Path, name: str) -> None:
     """Against PyTorch, with the ground at 0 and intensities as they are."""
@@ -84,7 +79,8 @@ def test_the_file_finds_what_the_network_finds(tmp_path: Path, name: str) -> Non
     content, _ = converted(tmp_path / "net.pth", config, Data(0.0, 1.0))
     assert content == converted(tmp_path / "net.pth", config, Data(0.0, 1.0))[0]
     assert not list(tmp_path.glob("ran"))
-    found = load(content, tmp_path / "net.onnx")(made[:, :3], made[:, 3].astype(np.float32), -1e9)
+    (path := tmp_path / "net.onnx").write_bytes(content)
+    found = KitNetwork(path, OnnxSession(path))(made[:, :3], made[:, 3].astype(np.float32), -1e9)
     boxes, odds = net.boxes(made)
     order = np.argsort(-odds.max(1), kind="stable")
     assert len(found.yaws) == len(boxes)

@@ -13,15 +13,10 @@ ALL = [lens(model, distortion) for model, distortion in LENS_MODELS.values()]
 points = arrays(np.float64, (3, 3), elements=st.floats(-1, 1)).map(lambda p: p * [4, 3, 2] + [0, 0, 4])
 
 
-def rows_of(lenses: Lenses, table: F64) -> F64:
-    """The same points for every lens."""
-    return np.broadcast_to(table, (len(lenses.K), *table.shape)).copy()
-
-
 @given(points)
 def test_pixels_are_those_of_each_camera(table: F64) -> None:
     lenses = Lenses.of(ALL)
-    pixels, valid = lenses.project(rows_of(lenses, table))
+    pixels, valid = lenses.project(np.stack([table] * len(ALL)))
     for row, model in enumerate(ALL):
         expected, inside = model.project(table)
         np.testing.assert_array_equal(valid[row], inside)

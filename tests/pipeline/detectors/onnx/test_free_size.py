@@ -23,10 +23,6 @@ def convolutional(path: Path) -> Path:
     return write_convolutional(path, kernels, [np.full(85, 0.5)] * 3, size_px=(64, 96))
 
 
-def tabular(path: Path) -> Path:
-    return write_yolox(path, np.full((126, 85), 0.5, np.float32), size_px=(64, 96))
-
-
 def sizes_given(path: Path, *shapes: tuple[int, int], **settings: object) -> list[tuple[int, ...]]:
     """Heights and widths that a network is given for images (height, width)."""
     model = OnnxDetector2D(path, Detect2DConfig.model_validate(settings))
@@ -53,7 +49,7 @@ def test_a_fixed_network_of_convolutions_takes_each_images_shape(tmp_path: Path)
 
 
 def test_a_network_with_tables_keeps_its_size(tmp_path: Path) -> None:
-    path = tabular(tmp_path / "m.onnx")
+    path = write_yolox(tmp_path / "m.onnx", np.full((126, 85), 0.5, np.float32), size_px=(64, 96))
     assert sizes_given(path, (64, 96), (100, 150)) == [(64, 96)] * 2
     assert sizes_given(path, (375, 1242)) == [(64, 96)] * 3, "in tiles"
     with pytest.raises(ModelError, match=r"detect2d\.input: the network does not take 128 x 64 px, its own .* 96 x 64"):

@@ -13,13 +13,9 @@ from lidcam.pipeline.detectors.onnx.detector import OnnxDetector2D
 SIZE_PX, BIAS = (64, 64), np.zeros((84, 85), np.float32)
 
 
-def load(path: Path, **settings: object) -> OnnxDetector2D:
-    return OnnxDetector2D(path, Detect2DConfig.model_validate(settings))
-
-
 def said_of(path: Path, **settings: object) -> str:
     with pytest.raises(ModelError) as caught:
-        load(path, **settings)
+        OnnxDetector2D(path, Detect2DConfig.model_validate(settings))
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
