@@ -30,8 +30,6 @@ KEPT = ROOT / "out" / "campaign"
 MAX_KEPT = 20
 """Failures of one campaign that are kept; all are counted."""
 
-MAX_LINE_CHARACTERS = 5000
-
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
@@ -180,9 +178,3 @@ def run_child(
         err.seek(0)
         told, errors = (file.read().decode(errors="replace") for file in (out, err))
         return Child(returncode, told, errors, seconds, is_hung)
-
-
-def is_one_line(text: str) -> bool:
-    """Whether an error is said in one line that a person can read."""
-    lines = text.strip("\n").split("\n")
-    return len(lines) == 1 and 0 < len(lines[0]) <= MAX_LINE_CHARACTERS

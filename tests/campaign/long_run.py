@@ -98,8 +98,7 @@ def _process(recording: Path, *outputs: Path) -> None:
             samples.append((progress.frames, time.monotonic(), pages * os.sysconf("SC_PAGESIZE") / 2**20))
 
     process_recording(make_job(recording, outputs), Watch())
-    step = max(len(samples) // 1000, 1)
-    print(json.dumps(samples[::step]))
+    print(json.dumps(samples[:: max(len(samples) // 1000, 1)]))
 
 
 def _frames(output: Path) -> int:

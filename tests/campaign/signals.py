@@ -19,7 +19,7 @@ from functools import cache
 from pathlib import Path
 from random import Random
 
-from common import LIDCAM, Child, Outcome, campaign, is_one_line, run_child  # isort: skip
+from common import LIDCAM, Child, Outcome, campaign, run_child  # isort: skip
 import zstandard
 from builders import write_mcap
 from small_drive import small_drive
@@ -28,6 +28,8 @@ from small_scenario import write_small_scenario
 TIMEOUT_S = 120.0
 MAX_END_S = 2.0
 """From the signal to the end."""
+
+MAX_LINE_CHARACTERS = 5000
 
 COMMANDS = (
     "inspect {in}/drive.mcap",
@@ -72,12 +74,9 @@ def _try_case(number: int, chance: Random) -> Outcome:
             return _killed(command, out, temporary, expected, _processes(pids[0]))
         after, left = _files(out), [*_files(temporary), *_processes(pids[0])]
         detail += f"exit code {child.returncode} after {child.seconds:.2f} s\n{after}\n{left}\n{child.stderr}"
-    if left:
-        return Outcome(f"{name}: leftovers", is_fault=True, detail=detail)
-    if child.is_hung:
-        return Outcome(f"{name}: hang", is_fault=True, detail=detail)
-    if after not in ({}, expected):
-        return Outcome(f"{name}: half outputs or leftovers", is_fault=True, detail=detail)
+    faults = {"leftovers": left, "hang": child.is_hung, "half outputs or leftovers": after not in ({}, expected)}
+    if fault := next((told for told, is_so in faults.items() if is_so), ""):
+        return Outcome(f"{name}: {fault}", is_fault=True, detail=detail)
     return _judged(command, sent, child, late_s=child.seconds - at_s[0], is_whole=after == expected, detail=detail)
 
 
@@ -88,18 +87,14 @@ def _killed(command: str, out: Path, temporary: Path, expected: Mapping[str, str
     detail = f"{command}\n{after}\n{processes}\n"
     if processes:
         return Outcome(f"{name}: processes outlive a kill", is_fault=True, detail=detail)
-    if not named.items() <= expected.items() or (_main(named) and named != expected):
+    is_ended = any(file.endswith((".mcap", ".bag")) for file in named)  # the output that gets its name last
+    if not named.items() <= expected.items() or (is_ended and named != expected):
         return Outcome(f"{name}: half outputs after a kill", is_fault=True, detail=detail)
     again = _run(command, out, temporary)
     detail += f"exit code {again.returncode} of the next run\n{_files(out)}\n{again.stderr}"
     if again.returncode not in {0, 3} or _files(out) != expected:
         return Outcome(f"{name}: the next run does not clean up", is_fault=True, detail=detail)
     return Outcome(f"{name}: killed, {'whole' if named == expected else 'no'} outputs, and the next run succeeds")
-
-
-def _main(files: Mapping[str, str]) -> bool:
-    """Whether the output that gets its name last is among the files."""
-    return any(Path(file).suffix in {".mcap", ".bag"} for file in files)
 
 
 def _judged(command: str, sent: signal.Signals, child: Child, *, late_s: float, is_whole: bool, detail: str) -> Outcome:
@@ -116,7 +111,7 @@ def _judged(command: str, sent: signal.Signals, child: Child, *, late_s: float, 
     if child.returncode == -sent and (is_whole or child.stderr in {"", "lidcam: interrupted\n"}):
         return Outcome("apart: ended by the system's own handling", detail=detail)
     told = child.stderr.splitlines()[-1] if child.stderr else ""
-    if child.returncode != 128 + sent or not is_one_line(told) or not told.startswith("lidcam: "):
+    if child.returncode != 128 + sent or len(told) > MAX_LINE_CHARACTERS or not told.startswith("lidcam: "):
         return Outcome(f"{name}: exit code {child.returncode}: {told[:60]}", is_fault=True, detail=detail)
     left = "its outputs are whole" if is_whole and "{out}" in command else "nothing left"
     return Outcome(f"{name}: one line, {left}", detail=detail)
@@ -148,8 +143,7 @@ def _inputs() -> tempfile.TemporaryDirectory[str]:
 def _whole(command: str) -> tuple[float, Mapping[str, str]]:
     """Seconds that a command takes, and its outputs."""
     with tempfile.TemporaryDirectory(prefix="signals-") as base:
-        out = Path(base, "out")
-        out.mkdir()
+        (out := Path(base, "out")).mkdir()
         child = _run(command, out, Path(base))
         if child.returncode not in {0, 3}:
             raise RuntimeError(f"{command} does not work: {child.stderr}")
