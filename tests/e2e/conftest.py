@@ -19,7 +19,7 @@ FRAMES = 6
 def lidcam(tmp_path_factory: pytest.TempPathFactory) -> Lidcam:
     """Call `lidcam ...` in this process, from another folder, with arguments of any type that has a text form.
 
-    `test_calling`, `test_workers` and `test_wheel` start the installed program.
+    `test_calling` and `test_wheel` start the installed program.
     """
     elsewhere = tmp_path_factory.mktemp("elsewhere")
 
