@@ -54,6 +54,10 @@ MAX_DISTANCE = 16.0
 MAX_WEAK_DISTANCE = 9.0
 """The same of a sighting that it does not report."""
 
+NEW_COST = 2 * np.log(70.0)
+"""Cost of an unseen track and a new one instead: there is one new object in 70 squares of a motion scale, or in 1,000
+square metres for cars."""
+
 HEADING_WEIGHT = 0.5
 """Weight of the squared heading innovation in the cost of an assignment."""
 
@@ -227,14 +231,14 @@ class OnlineTracker:
         turned = np.minimum(innovation[:, 2] ** 2 / (spread[:, 2, 2] + HEADING_SIGMA_RAD**2), MAX_HEADING_COST)
         turned[~self._priors.show_axis[class_ids]] = 0.0
         shares = live.votes[track, class_ids] / live.votes.sum(1)[track]
-        costs = distance + HEADING_WEIGHT * turned + np.log(determinant)
+        # An object that was seen once moves or stands, which is as likely.
+        scale_m2, both_m2 = self._priors.scales_m[live.class_ids[track]] ** 2, noise[row, 0, 0] + noise[row, 1, 1]
+        standing = np.where(live.hits[track] == 1, (x**2 + y**2) / both_m2 + 2 * np.log(both_m2 / scale_m2), np.inf)
+        costs = np.minimum(distance + np.log(determinant / scale_m2**2), standing) + HEADING_WEIGHT * turned
         costs -= 2 * np.log(SAME_CLASS_LIKELIHOOD * shares + ANY_CLASS_LIKELIHOOD)
         costs -= 2 * np.log(np.maximum(sightings.beliefs[row], 0.05))
-        # Pairs outside of the gate cost nothing and those within it less, so that as many as possible are made.
         matrix, fits = np.zeros((len(live), len(sightings))), distance < gate
-        highest, lowest = costs.max(initial=0.0), costs.min(initial=0.0)
-        max_cost = highest + min(matrix.shape) * (highest - lowest) + gate
-        matrix[track[fits], row[fits]] = costs[fits] - max_cost
+        matrix[track[fits], row[fits]] = np.minimum(costs[fits] - NEW_COST, 0.0)
         first, second = assign(matrix)
         paired = matrix[first, second] < 0
         return first[paired], second[paired]

@@ -80,6 +80,13 @@ def test_cars_that_pass_each_other_keep_their_numbers() -> None:
         assert row.states[0, 1] < row.states[1, 1]
 
 
+def test_parked_cars_do_not_drive_to_the_next_place() -> None:
+    """A rig passes a row of them once a second: it comes to see one, and another is out of sight."""
+    row = [Mover(straight(6.0 * k, 0, 0, 0), seen=lambda at, k=k: 10 * k <= at < 10 * (k + 3)) for k in range(8)]
+    for rows in tracked(scene(row, 80)[::10])[2:]:
+        np.testing.assert_allclose(rows.states[:, 0], 6.0 * (rows.ids - 1), atol=0.3)
+
+
 def test_people_side_by_side_have_a_track_each() -> None:
     movers = [Mover(straight(0, 0.6 * row, 0, 1.4), PEDESTRIAN, (0.6, 0.6, 1.7)) for row in range(3)]
     assert [row.ids.tolist() for row in tracked(scene(movers, 30))] == [[1, 2, 3]] * 30
