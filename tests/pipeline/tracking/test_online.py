@@ -82,7 +82,7 @@ def test_cars_that_pass_each_other_keep_their_numbers() -> None:
 
 def test_parked_cars_do_not_drive_to_the_next_place() -> None:
     """A rig passes a row of them once a second: it comes to see one, and another is out of sight."""
-    row = [Mover(straight(6.0 * k, 0, 0, 0), seen=lambda at, k=k: 10 * k <= at < 10 * (k + 3)) for k in range(8)]
+    row = [Mover(straight(6.0 * k, 0, 0, 0), seen=range(10 * k, 10 * k + 30).__contains__) for k in range(8)]
     for rows in tracked(scene(row, 80)[::10])[2:]:
         np.testing.assert_allclose(rows.states[:, 0], 6.0 * (rows.ids - 1), atol=0.3)
 
