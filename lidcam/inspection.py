@@ -113,7 +113,7 @@ class Inspection:
 
     @property
     def figures(self) -> NamedFigures:
-        """Its figures by name, such as `topics./points.rate_hz`, of which requirements can be made."""
+        """Figures by name, such as `topics./points.rate_hz`, of which requirements can be made."""
         sync = self.sync or SyncStats()
         lidars, cameras = (self.rig.lidars, self.rig.cameras) if self.rig else ((), ())
         usable = dict.fromkeys((*(one.name for one in lidars), *(one.name for one in cameras)), 1)

@@ -28,8 +28,8 @@ _SURROUNDED = 0.2
 """Sensors farther apart than this share of what they see stand around the scene, as at a crossing."""
 
 _AROUND_SHARE, _NEAR_SHARE = 0.6, 0.35
-"""What lies so near, as a share of what the lidars see, is in view: in a scene that sensors surround, and around a
-vehicle, where objects come past."""
+"""Radius of the view, as a share of the lidars' range: of a scene that sensors surround, and around a vehicle, where
+objects come past."""
 
 _SIDES = [np.array(side) for side in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))]
 _USUAL_PERCENT, _FARTHEST = 95, 2.5

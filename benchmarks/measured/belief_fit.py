@@ -176,7 +176,7 @@ class Start:
 
     @classmethod
     def of(cls, config: Config, frames: Sequence[tuple[Boxes3D, int, F64]]) -> "Start":
-        """Of the boxes of frames, how many of them the lidars found, and how well a camera sees each."""
+        """Start from the boxes of frames, how many of them the lidars found, and how well a camera sees each."""
         frequencies = np.array([prior.frequency for prior in config.classes])
         upright = np.array([prior.is_upright for prior in config.classes])
         reach_m = match_radii_m(config.classes)

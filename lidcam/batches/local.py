@@ -43,7 +43,7 @@ def cancelled(task: Task) -> JobRecord:
 
 
 class Engine(ABC):
-    """Runs jobs, so many at once, on threads, which only wait for the processes that `run` starts."""
+    """Runs up to `jobs` jobs at once, on threads, which only wait for the processes that `run` starts."""
 
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs

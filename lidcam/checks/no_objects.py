@@ -58,7 +58,7 @@ class ObjectCheck:
         return sum(detector.topic in frame.bundle.messages for detector in self._rig.detectors)
 
     def _steps(self, frame: FrameResult) -> list[str]:
-        """What each step left, and what it did not use."""
+        """Lines on what each step kept and left out."""
         config, counts, boxes = self._config, frame.combined.counts, frame.hypotheses.boxes
         steps = [
             f"{counts['input'] - counts['nan']} points",

@@ -20,7 +20,7 @@ from lidcam.run.missing import changed_lines, damage_lines
 
 @dataclass(frozen=True, slots=True)
 class ComparedResults:
-    """What differs between two results, A and B. Holds no open file: it can be pickled.
+    """Differences of two results, A and B. Holds no open file: it can be pickled.
 
     Attributes:
         figures: The counts of frames and objects, by source, camera and class, and the largest differences of each kind

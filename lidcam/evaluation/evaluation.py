@@ -88,7 +88,7 @@ class Truth:
         return {"from": [self.source], "inputs": files, "labelled": self.labelled or None}
 
     def __str__(self) -> str:
-        """Its source, and the only part in which it is labelled."""
+        """The source, and the only part in which it is labelled."""
         part = f", labelled only {self.labelled} (evaluate.region=everywhere counts all)" if self.labelled else ""
         return f"{self.source}{part}"
 

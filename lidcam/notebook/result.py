@@ -29,7 +29,7 @@ SpeedUnits = Literal["km/h", "m/s"]
 
 
 class Shown(ABC):
-    """What `print` and a notebook show as a command prints it."""
+    """A result that `print` and a notebook show as a command prints it."""
 
     __slots__ = ()
 

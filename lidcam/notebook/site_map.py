@@ -1,4 +1,4 @@
-"""What a plot shows behind the tracks: where the sensors stood in each frame, and what stands around."""
+"""The background of a plot of tracks: places of the sensors in each frame, and the surroundings."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -164,7 +164,7 @@ SIMULATED = Replaceable(_is_simulated, "exists and is no simulated recording")
 
 
 OVERWRITING = "choose another name, or replace it with --overwrite, in Python overwrite=True"
-"""What to do about a file that is in the way."""
+"""Remedy for a file that is in the way."""
 
 
 def check_replaced(replaceable: Callable[[Path], Replaceable], *, overwrite: bool) -> Callable[[Path], None]:

@@ -66,7 +66,7 @@ class Bucket:
         return self._unless_missing(name, lambda url: bytes(self._system.cat_file(url)))
 
     def written(self, name: str, known: WrittenFile | None = None) -> WrittenFile | None:  # noqa: ARG002  # not read
-        """Its size and ETag; None where there is none."""
+        """Size and ETag of an object; None where there is none."""
         found: dict[str, Any] | None = self._unless_missing(name, self._system.info)
         return None if found is None else WrittenFile(int(found["size"]), str(found["ETag"]))
 

@@ -121,7 +121,7 @@ DATASETS: dict[DatasetFormat, str] = {
     "yolo": "lidcam.writers.datasets.images:YoloWriter",
     "cvat": "lidcam.writers.datasets.cvat:CvatWriter",
 }
-"""What `lidcam export` makes of finished results: the `DatasetWriter` of each format, or its `ImageWriter`."""
+"""Formats of `lidcam export`: the `DatasetWriter` of each, or its `ImageWriter`."""
 
 
 def output_of(path: PurePath) -> Output | None:

@@ -118,7 +118,7 @@ def corrected_by_recording(source: RunInput, known: KnownBoxes, workers: int) ->
 
 
 def with_corrections(found: Discovery, rig: Rig) -> Discovery:
-    """What was found, with the intrinsics of the rig after the first look, and notes on these and on moved lidars."""
+    """The discovery with the intrinsics of the rig after the first look, and notes on these and on moved lidars."""
     moved = ", ".join(filter(None, map(_moved_text, found.rig.lidars, rig.lidars)))
     pairs = zip(found.rig.cameras, rig.cameras, strict=True)
     changed = {used.name for camera, used in pairs if camera.rectified is not None and used.rectified is None}

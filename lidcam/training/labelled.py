@@ -175,6 +175,6 @@ def saved(path: Path, value: object) -> Path:
 
 @lru_cache(32)
 def loaded(path: Path) -> Any:
-    """What is in such a file; the last ones stay in memory."""
+    """The content of such a file; the last ones stay in memory."""
     with path.open("rb", buffering=0) as file:
         return load(file)

@@ -166,7 +166,7 @@ class Mistakes:
 
 
 def _key(one: Mistake) -> tuple[bool, int, int]:
-    """What two errors of one mistake have in common: those of one known true object may be at any distance."""
+    """Key that errors of one mistake share: those of one known true object may be at any distance."""
     return one.kind == "missed", one.class_id, one.track_id if one.kind == "missed" else UNKNOWN
 
 

@@ -33,7 +33,7 @@ JSON_KINDS: dict[str, tuple[str, type | tuple[type, ...]]] = {
     **dict.fromkeys(("frame_id", "parent_frame_id", "child_frame_id"), ("a text", str)),
     **dict.fromkeys((*"xyzw", "sec", "nsec", "width", "height", "step"), ("a number", (int, float, str))),
 }
-"""What a field's value is, in words and as Python has it; long numbers may be texts."""
+"""Type of a field's value, in words and in Python; long numbers may be texts."""
 
 VARINT, LENGTH, FIXED_BYTES = 0, 2, {1: 8, 5: 4}
 MAX_VARINT_BYTES = 10

@@ -69,7 +69,7 @@ def sensor_of(metadata: str) -> "OusterSensor":
 
 @dataclass(frozen=True, eq=False)
 class OusterSensor:
-    """What one lidar measures in a turn, and how it sends it."""
+    """Beams, columns and packet format of one lidar."""
 
     metadata: str  # Its JSON
     info: Any  # `SensorInfo`

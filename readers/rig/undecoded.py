@@ -38,7 +38,7 @@ UNDECODED = {
     "sensor_msgs/msg/MultiEchoLaserScan": _FLAT,
     "seyond/msg/SeyondScan": ("packets of a Seyond", _SEYOND),
 }
-"""What the messages of a type are, and what to do, by type."""
+"""Content of the messages, and the remedy, by type."""
 
 
 HESAI = {

@@ -137,7 +137,7 @@ class RecordedBoxes:
 def decode_each(
     bundle: SensorBundle, topics: Mapping[str, str], decode: Callable[[RawMessage], T], on_bad: OnBadMessage
 ) -> Decoded[T]:
-    """What the messages of a frame hold, by name; `topics` has the topic of each name."""
+    """Decoded messages of a frame by name; `topics` has the topic of each name."""
     found: dict[str, T] = {}
     drops: list[Drop] = []
     for name, topic in topics.items():

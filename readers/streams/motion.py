@@ -114,7 +114,7 @@ def find_motion_source(
 
 
 def _join(child: str) -> str:
-    """What to do about motion of a frame that may be the rig's."""
+    """Remedy for motion of a frame that may be the rig's."""
     return f"if it is of the rig, give the pose of {child!r} in a rig file (transforms)"
 
 

@@ -221,7 +221,7 @@ class _SensorMessages(Closing):
         self._recording.close()
 
     def _sweeps(self, channels: Collection[Channel]) -> dict[Channel, Callable[[str], Sweep]]:
-        """What gathers the packets of channels; those that cannot be gathered are closed."""
+        """The collectors of the packets of channels; channels that cannot be collected are closed."""
         found: dict[Channel, Callable[[str], Sweep]] = {one: VelodyneSweep for one in channels if one.msgtype == PACKET}
         ousters = sorted((one for one in channels if ouster.is_lidar_packets(one)), key=lambda one: one.topic)
         single = len({channel.topic for channel in ousters}) == 1

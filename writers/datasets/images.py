@@ -53,7 +53,7 @@ class LabelledImage:
 
     @property
     def labels(self) -> ImageLabels:
-        """What to learn: the truth, else what lidcam found."""
+        """Labels to learn: the truth, else the boxes that lidcam found."""
         return self.found if self.truth is None else self.truth
 
 

@@ -42,15 +42,15 @@ CAMERAS = range(4)
 
 RESULTS = "results/lidcam/data"
 
-LEAST_FORWARD = 1e-6
-"""Of the optical axis as seen from above: a camera that looks straight down has none, and its top edge takes over."""
+MIN_FORWARD = 1e-6
+"""Minimum length of the optical axis from above: one that looks straight down has none, and its top edge takes over."""
 
 
 def level_rectification(camera: CameraSensor) -> F64:
     """(3, 3) R0_rect: from the frame of a camera to the level frame that looks the same way."""
     R_site_camera = camera.T_camera_site.matrix[:3, :3].T
     forward = R_site_camera[:2, 2]
-    if np.hypot(*forward) < LEAST_FORWARD:
+    if np.hypot(*forward) < MIN_FORWARD:
         forward = -R_site_camera[:2, 1]
     x, y = forward / np.hypot(*forward)
     R_rect_site = np.array([[y, -x, 0.0], [0.0, 0.0, -1.0], [x, y, 0.0]])

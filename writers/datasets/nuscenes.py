@@ -45,7 +45,7 @@ TABLES = (
 )
 
 LIDAR = "LIDAR_TOP"
-MOST_BOXES = 500
+MAX_BOXES = 500
 """Maximum number of boxes of a sample in a submission."""
 
 Row = dict[str, Any]
@@ -235,9 +235,9 @@ class NuScenesWriter:
         return counts
 
     def _put_results(self, sample: str, boxes: DatasetBoxes, T_fixed_site: F64) -> None:
-        if (more := len(boxes) - MOST_BOXES) > 0:
-            self.left_out[f"objects beyond {MOST_BOXES} in a sample, those with the lowest scores"] += more
-            boxes = boxes.select(np.sort(np.argsort(-boxes.scores, kind="stable")[:MOST_BOXES]))
+        if (more := len(boxes) - MAX_BOXES) > 0:
+            self.left_out[f"objects beyond {MAX_BOXES} in a sample, those with the lowest scores"] += more
+            boxes = boxes.select(np.sort(np.argsort(-boxes.scores, kind="stable")[:MAX_BOXES]))
         velocities = np.nan_to_num(boxes.velocities) @ T_fixed_site[:2, :2].T
         self._results[sample] = [
             {

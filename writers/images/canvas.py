@@ -60,7 +60,7 @@ class Canvas:
     def lines(
         self, lines: Iterable[npt.ArrayLike], color: Color, width_px: int = 1, *, closed: bool = False, shade: int = 0
     ) -> None:
-        """Lines, each through points (K, 2); with so many dark pixels beside, to be seen on any image."""
+        """Lines, each through points (K, 2); with this many dark pixels beside, to be seen on any image."""
         fixed = [_fixed(line)[:, None] for line in lines]
         for one, width in [((0, 0, 0), width_px + 2 * shade)] * bool(shade) + [(color, width_px)]:
             cv2.polylines(self.pixels, fixed, closed, one, width, cv2.LINE_AA, _BITS)

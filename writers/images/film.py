@@ -24,9 +24,9 @@ from lidcam.writers.provenance import Provenance
 TICKS_PER_S = 1000
 TICK_S = Fraction(1, TICKS_PER_S)
 NOMINAL_HZ = Fraction(10)
-"""What x264 takes for the usual rate; each image has its own time."""
+"""The rate that x264 is told; each image has its own time."""
 
-MIN_NS, LONGEST_NS = 1_000_000, 2_000_000_000
+MIN_NS, MAX_NS = 1_000_000, 2_000_000_000
 """A frame is shown until the next one; where that comes later than this, or time jumps back, for the longer time."""
 
 USUAL_NS = 100_000_000
@@ -82,7 +82,7 @@ class FilmWriter(ResultWriter):
         stamp_ns = result.bundle.stamp_ns
         if self._waiting is not None:
             step_ns = stamp_ns - self._last_ns
-            self._encode(step_ns if MIN_NS <= step_ns <= LONGEST_NS else LONGEST_NS)
+            self._encode(step_ns if MIN_NS <= step_ns <= MAX_NS else MAX_NS)
         image, drops = self._scenes.all_cameras(self._scenes.add_frame(result))
         self._waiting, self._last_ns = image, stamp_ns
         return drops

@@ -98,7 +98,7 @@ MAX_IMAGES_SHARE = 0.6
 FULL_PX = 900
 """Images of this width have room for long texts."""
 
-_LEAST_CLOCK_NS = 10**18
+_MIN_CLOCK_NS = 10**18
 """Stamps before 2001 count from the start of a simulation: they are no dates."""
 
 _UNKNOWN_AREA = Area(np.zeros(2), np.eye(2), np.full(2, 10.0), is_site=True)
@@ -194,7 +194,7 @@ class Scenes:
         bundle = drawn.result.bundle
         stamp_ns = bundle.stamp_ns
         clock = f"{(stamp_ns - (self._start_ns or 0)) / 1e9:.1f} s"
-        if stamp_ns >= _LEAST_CLOCK_NS:
+        if stamp_ns >= _MIN_CLOCK_NS:
             time = datetime.fromtimestamp(stamp_ns // 10**9, UTC)
             clock = f"{time:%Y-%m-%d %H:%M:%S}.{stamp_ns // 10**8 % 10} UTC   {clock}"
         ids, counts = np.unique(drawn.boxes.class_ids[drawn.strong], return_counts=True)

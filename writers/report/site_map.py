@@ -64,7 +64,7 @@ def map_extent(drawn: Sequence[F64], background: SparseGrid | None) -> tuple[F64
 
 
 def _image(background: SparseGrid, low: F64, high: F64, least: float) -> Figure:
-    """What stands still, as an image behind the map."""
+    """Standing surroundings as an image behind the map."""
     image, (left, right, bottom, top) = background_image(background, low, high, least)
     _, png = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
     return {
@@ -83,7 +83,7 @@ def _image(background: SparseGrid, low: F64, high: F64, least: float) -> Figure:
 def background_image(
     background: SparseGrid, low: F64, high: F64, least: float
 ) -> tuple[U8, tuple[float, float, float, float]]:
-    """What stands still, around the part of the map from `low` to `high`, x and y in metres.
+    """Standing surroundings of the part of the map from `low` to `high`, x and y in metres.
 
     Args:
         background: Where points lie.

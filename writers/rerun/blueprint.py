@@ -13,7 +13,7 @@ FOV_Y_DEG = 55.0
 """Vertical field of view of Rerun's eye."""
 
 _PLOTS_SHARE = 0.55
-"""Of plots and legend."""
+"""Share of the height for plots and legend."""
 
 FIXED = "world/fixed"
 WAY = "world/fixed/way"

@@ -89,7 +89,7 @@ class TrackLog:
 
 JPEG_QUALITY = 90
 _CODECS = {"hevc": rr.VideoCodec.H265} | {name: rr.VideoCodec[name.upper()] for name in ("h264", "vp8", "vp9", "av1")}
-"""What Rerun decodes. A stream has one codec."""
+"""Video codecs that Rerun decodes. A stream has one."""
 
 _MAGIC = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
@@ -195,7 +195,7 @@ class News(set[str]):
     """The paths at which nothing is drawn."""
 
     def at(self, path: str, count: int) -> bool:
-        """Whether so many things at a path are to be logged: not where there are none, and there were none."""
+        """Whether this number of things at a path is to be logged: not where there are none, and there were none."""
         if count == 0 and path in self:
             return False
         (self.discard if count else self.add)(path)

@@ -25,7 +25,7 @@ OF_ONE_CAMERA: tuple[DatasetFormat, ...] = ("kitti", "kitti-tracking", "coco", "
 """Formats that have one camera, or the images of one if that is asked for."""
 
 EMPTY = Replaceable(lambda path: not any(path.iterdir()), "exists and is not empty", only_own=True)
-"""What may stand where a data set is written."""
+"""The folder of a data set may exist if it is empty."""
 
 
 @dataclass(frozen=True, slots=True)

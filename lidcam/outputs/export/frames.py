@@ -32,7 +32,7 @@ class ExportOptions:
 
 
 class ResultFrames:
-    """The frames of a result, every so many; `left_out` counts by reason, and `stack` closes the truth.
+    """The frames of a result, or every Nth; `left_out` counts by reason, and `stack` closes the truth.
 
     Attributes:
         recorded: Topics with messages.

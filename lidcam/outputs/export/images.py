@@ -85,7 +85,7 @@ class ResultImages(ResultFrames):
         )
 
     def _shown(self, frame: EvaluationFrame, stamp_ns: int, camera: CameraSensor) -> ImageLabels:
-        """What the image shows: objects where they are at its time, from where the camera stood then."""
+        """The labels of an image: objects where they are at its time, from where the camera stood then."""
         source, images = frame.sources["fused"], frame.images.get(camera.name)
         objects, is_predicted = source.boxes, np.zeros(len(source), np.bool_)
         if source.motion is not None:

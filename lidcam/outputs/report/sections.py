@@ -51,7 +51,7 @@ def lead(seen: ReportCollector, class_names: Sequence[str]) -> str:
 
 
 def busiest_note(seen: ReportCollector) -> str:
-    """What the first image is of; empty without one."""
+    """The caption of the first image; empty without one."""
     if (found := seen.busiest) is None:
         return ""
     objects = f"{len(found.boxes)} object{'s' * (len(found.boxes) != 1)}"

@@ -1,4 +1,4 @@
-"""What runs a network: the processor, or an accelerator by a provider of onnxruntime.
+"""Devices that run a network: the processor, or an accelerator by a provider of onnxruntime.
 
 CUDA comes in two ways: built into onnxruntime (`onnxruntime-gpu`, in place of the plain package), or as a plug-in
 beside the plain one (`onnxruntime-ep-cuda12` and `-cuda13`, both with the module `onnxruntime_ep_cuda`; onnxruntime.ai,
