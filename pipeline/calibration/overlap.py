@@ -171,7 +171,8 @@ class BoxFit:
         """(M,) best IoU of each 2D box with an object of the same frame; (4, 4) pose, factor on the focal lengths."""
         R, t = T_camera_site[:3, :3], T_camera_site[:3, 3]
         projected = self._model.zoomed(zoom).project_boxes(np.einsum("ij,nkj->nki", R, self._corners_site) + t)
-        iou, _ = pair_overlaps_xyxy(projected[self._rows3d], self._boxes[self._rows2d])
+        in_view = np.isfinite(projected).all(1)[self._rows3d]
+        rows2d, rows3d = self._rows2d[in_view], self._rows3d[in_view]
         best = np.zeros(len(self._boxes))
-        np.maximum.at(best, self._rows2d, iou)
+        np.maximum.at(best, rows2d, pair_overlaps_xyxy(projected[rows3d], self._boxes[rows2d])[0])
         return best

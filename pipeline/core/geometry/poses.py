@@ -18,6 +18,7 @@ def interpolate_poses(stamps_ns: I64, poses: F64, wanted_ns: I64) -> F64:
     row = np.clip(np.searchsorted(known, wanted, side="right") - 1, 0, len(known) - 2)
     share = (wanted - known[row]) / (known[row + 1] - known[row])
     rotations = poses[:, :3, :3]
-    steps = rotation_vectors(rotations[:-1].swapaxes(1, 2) @ rotations[1:])
+    used, which = np.unique(row, return_inverse=True)
+    steps = rotation_vectors(rotations[used].swapaxes(1, 2) @ rotations[used + 1])[which]
     places = poses[row, :3, 3] * (1 - share[:, None]) + poses[row + 1, :3, 3] * share[:, None]
-    return pose_matrix(rotations[row] @ turned(steps[row] * share[:, None]), places)
+    return pose_matrix(rotations[row] @ turned(steps * share[:, None]), places)
