@@ -106,7 +106,7 @@ class CombinedDetector:
         boxes = found.joined(replace(clusters, yaws=wrap_angle(yaws)))
         own = np.full(len(found), 0.5)
         if self._learned is not None and len(found):
-            own = self._learned.by_class(combined, found)[np.arange(len(found)), found.class_ids]
+            own = self._learned.existence(combined, found)
         learned = np.concatenate([own, clusters.scores])
         is_found = np.isin(self._groups, self._groups[self._network.class_ids])
         is_reached = is_found[boxes.class_ids] & self._network.reaches(boxes.centers[:, :2])

@@ -12,9 +12,11 @@ from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.cluster.features import REACH_M, box_features
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
-from lidcam.pipeline.detectors.cluster.kinds import kinds_of
+from lidcam.pipeline.detectors.cluster.kinds import KINDS, kinds_of
 from lidcam.pipeline.detectors.cluster.network import EMBEDDED, ClusterNetwork
 from lidcam.pipeline.detectors.cluster.refitting import Refitter
+
+CAR, LARGE = map(KINDS.index, ("car", "large vehicle"))
 
 MIN_PROBABILITY = 0.15
 """Minimum probability of a box's new class; one below it is most probably no object, and keeps its own class."""
@@ -55,15 +57,21 @@ class LearnedScores:
         fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
         self._refit = Refitter(fitter, config.detect3d.cluster, config.classes)
 
-    def by_class(self, combined: CombinedCloud, boxes: Boxes3D) -> F64:
-        """(B, C) probability of each class for B boxes, at least one, of whatever engine."""
-        return np.asarray(self._network(self._features(combined, boxes)) @ self._features.members.T)
+    def existence(self, combined: CombinedCloud, boxes: Boxes3D) -> F64:
+        """(B,) probability that the object of each box is there, for B boxes, at least one, of whatever engine.
+
+        Tall cars may look like vans: for a car, both count.
+        """
+        either = self._features.members.copy()
+        either[:, LARGE] |= either[:, CAR]
+        by_kind = self._network(self._features(combined, boxes))
+        return np.asarray((by_kind @ either.T)[np.arange(len(boxes)), boxes.class_ids])
 
     def __call__(self, combined: CombinedCloud, boxes: Boxes3D) -> Boxes3D:
         """Boxes in their order, with new classes and scores; where the class changes, completed anew if that fits."""
         if not len(boxes):
             return boxes
-        by_class = self.by_class(combined, boxes)
+        by_class = self._network(self._features(combined, boxes)) @ self._features.members.T
         rows, own = np.arange(len(boxes)), boxes.class_ids
         likely = np.where(by_class > by_class[rows, own][:, None], by_class, 0.0)
         changed = np.flatnonzero(likely.max(1) >= MIN_PROBABILITY)

@@ -10,7 +10,7 @@ from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.errors import ModelError
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.core.geometry.regions import points_in_footprints
-from lidcam.pipeline.core.geometry.rotated_iou import pair_ious
+from lidcam.pipeline.core.geometry.rotated_iou import ious, pair_ious
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.boxes import likely_boxes
@@ -23,6 +23,9 @@ from lidcam.pipeline.detectors.pillars.embedded import existing_network_file
 from lidcam.pipeline.detectors.pillars.kits import KEY, KitNetwork
 from lidcam.pipeline.detectors.pillars.network import PillarNetwork
 from lidcam.pipeline.detectors.protocols import Candidates3D
+
+MIN_ALIKE_IOU = 0.5
+"""Minimum IoU from above of two boxes of the network that are one vehicle, of which it does not know the class."""
 
 MIN_PROBABILITY = 0.02
 """Minimum probability of a proposed box."""
@@ -257,7 +260,7 @@ class FittedPillarDetector:
         vehicles = Candidates3D._make(column[~self._is_slender[proposed.class_ids]] for column in proposed)
         found, beside = (likely_boxes(combined, self._site_frame, one, 0.0) for one in (proposed, vehicles))
         found = found.select(~self._is_tall[found.class_ids]).joined(beside.select(self._is_tall[beside.class_ids]))
-        found = found.select(np.argsort(-found.scores, kind="stable"))
+        found = self._as_vehicles(found.select(np.argsort(-found.scores, kind="stable")), vehicles)
         fitted, _ = self._refit(combined, found, np.arange(len(found)))
         turn = np.abs(wrap_angle(2 * (fitted.yaws - found.yaws))) / 2  # the network decides front and rear
         agree = (pair_ious(found, fitted).bev >= MIN_FITTED_IOU) & (
@@ -269,3 +272,10 @@ class FittedPillarDetector:
         both = merged(found, fitted, share)
         boxes = found.joined(fitted, both).select(np.arange(len(found)) + len(found) * better)
         return replace(boxes, covariances=np.where(is_slender[:, None, None], boxes.covariances, by_points(boxes)))
+
+    def _as_vehicles(self, found: Boxes3D, vehicles: Candidates3D) -> Boxes3D:
+        """Boxes with the probability that a vehicle is there: a tall car may look like a van, too."""
+        is_other = (ious(found, vehicles).bev > MIN_ALIKE_IOU) & (found.class_ids[:, None] != vehicles.class_ids)
+        is_other &= ~self._is_slender[found.class_ids][:, None]
+        other = np.where(is_other, vehicles.scores, 0.0).max(1, initial=0.0)
+        return replace(found, scores=(1 - (1 - found.scores) * (1 - other)).astype(np.float32))

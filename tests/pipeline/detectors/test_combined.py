@@ -88,8 +88,17 @@ def test_points_say_where_and_the_network_which_way(tmp_path: Path) -> None:
         found = at(boxes, box)
         np.testing.assert_allclose(found.centers[0, :2], box[:2], atol=0.12)
         np.testing.assert_allclose(found.yaws, box[6], atol=0.03)
-        expected = both[0] + both[1] * logit(LEARNED["car"]) + both[2] * LOG_ODDS
+        expected = both[0] + both[1] * logit(LEARNED["car"] + LEARNED["large vehicle"]) + both[2] * LOG_ODDS
         assert log_odds(boxes, box) == pytest.approx(expected, abs=1e-3)
+
+
+@pytest.mark.parametrize(("place", "is_alike"), [(CAR, True), (FAR, False)])
+def test_a_tall_car_is_no_less_there_for_looking_like_a_truck(tmp_path: Path, place: Box, is_alike: bool) -> None:
+    cloud, names = combined(scan(LIDAR, [CAR, FAR])), ("car", "truck")
+    boxes = detector(tmp_path, [np.array(CAR), np.add(place, OFF)], names, "pillars", last=1)(cloud)
+    assert at(boxes, CAR).class_ids[0] == 0
+    doubt = 1 / (1 + np.exp(LOG_ODDS))
+    np.testing.assert_allclose(at(boxes, CAR).scores[0], 1 - doubt ** (1 + is_alike), rtol=1e-4)
 
 
 def test_what_one_of_them_misses(tmp_path: Path) -> None:
