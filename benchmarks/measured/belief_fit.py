@@ -27,9 +27,9 @@ far away.
 import argparse
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -40,6 +40,7 @@ from lidcam.pipeline.core.association import class_agreement
 from lidcam.pipeline.core.detections import Boxes3D, Hypotheses
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.evaluation.detection.counts import calibration_figures
 from lidcam.pipeline.evaluation.detection.criteria import Criteria
 from lidcam.pipeline.evaluation.detection.gathering import Gathering
 from lidcam.pipeline.evaluation.detection.tables import IGNORED
@@ -98,11 +99,16 @@ class Weighed:
     cameras: tuple[str, ...]
     frames: list[WeighedFrame]
 
-    def starts(self, frames: Sequence[WeighedFrame]) -> "tuple[Start, Start]":
-        """The evidence before a camera is asked of all hypotheses of frames, and of all lidar boxes by themselves."""
-        asked = [(one.boxes, one.lidar_count, view_shares(one.visibility).max(1, initial=0.0)) for one in frames]
-        alone = [(one.alone, len(one.alone), np.zeros((2, len(one.alone)))) for one in frames]
-        return Start.of(self.config, asked), Start.of(self.config, alone)
+    @cached_property
+    def starts(self) -> "list[tuple[Start, Start]]":
+        """By frame, the evidence before a camera is asked, of the hypotheses and of the lidars' boxes by themselves."""
+        return [
+            (
+                Start.of(self.config, one.boxes, one.lidar_count, view_shares(one.visibility).max(1, initial=0.0)),
+                Start.of(self.config, one.alone, len(one.alone), np.zeros((2, len(one.alone)))),
+            )
+            for one in self.frames
+        ]
 
 
 class Collector(RunObserver):
@@ -146,16 +152,16 @@ def weighed(given: str, folder: Path, settings: Sequence[str]) -> Weighed:
         return Weighed(path, config, tuple(camera.name for camera in opened.rig.cameras), frames)
 
 
-def probabilities(run: Weighed, by: Coefficients) -> tuple[list[F64], list[F64], list[F64]]:
-    """By frame: those of the hypotheses, of the lidars' boxes by themselves, and the recall that was learned."""
+def probabilities(run: Weighed, by: Coefficients, known: Sequence[F64] = ()) -> tuple[list[F64], list[F64], list[F64]]:
+    """By frame: those of the hypotheses, of the lidars' boxes by themselves, and the recall, learned unless known."""
     recall = RecallCounts(run.cameras)
     together, alone, learned = [], [], []
-    for frame in run.frames:
-        first, second = run.starts([frame])
+    for row, (frame, (first, second)) in enumerate(zip(run.frames, run.starts, strict=True)):
         before = first.log_odds(by)
-        learned.append(recall.plain(frame.visibility))
+        learned.append(known[row] if known else recall.plain(frame.visibility))
         evidence = camera_evidence(frame.visibility, learned[-1], by)
-        recall.learn(frame.visibility, before, evidence, by)
+        if not known:
+            recall.learn(frame.visibility, before, evidence, by)
         together.append(probability(before + joined(evidence, by)) * first.place)
         alone.append(probability(second.log_odds(by)) * second.place)
     return together, alone, learned
@@ -175,65 +181,25 @@ class Start:
     are_upright: Bools
 
     @classmethod
-    def of(cls, config: Config, frames: Sequence[tuple[Boxes3D, int, F64]]) -> "Start":
-        """Start from the boxes of frames, how many of them the lidars found, and how well a camera sees each."""
+    def of(cls, config: Config, boxes: Boxes3D, lidar_count: int, in_view: F64) -> "Start":
+        """Start from the boxes of a frame, how many of them the lidars found, and how well a camera sees each."""
         frequencies = np.array([prior.frequency for prior in config.classes])
         upright = np.array([prior.is_upright for prior in config.classes])
-        reach_m = match_radii_m(config.classes)
-        boxes = [one for one, _, _ in frames]
-        in_view = np.concatenate([one for _, _, one in frames], axis=1)
         return cls(
-            np.concatenate([one.scores.astype(np.float64) for one in boxes]),
-            np.concatenate([frequencies[one.class_ids] for one in boxes]),
-            np.concatenate([one.point_counts for one in boxes]),
-            np.concatenate([one.sources for one in boxes]),
-            np.concatenate([np.arange(len(one)) < count for one, count, _ in frames]),
-            np.concatenate([position_probability(one.covariances, reach_m[one.class_ids]) for one in boxes]),
+            boxes.scores.astype(np.float64),
+            frequencies[boxes.class_ids],
+            boxes.point_counts,
+            boxes.sources,
+            np.arange(len(boxes)) < lidar_count,
+            position_probability(boxes.covariances, match_radii_m(config.classes)[boxes.class_ids]),
             in_view * config.detect3d.has_network if config.detect3d.scores_are_probabilities else None,
-            np.concatenate([upright[one.class_ids] for one in boxes]),
+            upright[boxes.class_ids],
         )
 
     def log_odds(self, by: Coefficients) -> F64:
         """(N,) as these coefficients say."""
         measured = self.scores, self.frequencies, self.point_counts, self.sources, self.is_lidar
         return log_odds_before_cameras(*measured, by, in_view=self.in_view, are_upright=self.are_upright)
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """All that was weighed in a recording side by side: the hypotheses, and the lidars' boxes by themselves.
-
-    The arrays of `visibility` and `plain_recall` have a row for each of the largest number of cameras of a frame.
-    """
-
-    start: tuple[Start, Start]
-    visibility: Visibility
-    plain_recall: F64
-    right: tuple[F64, F64]
-
-    @classmethod
-    def of(cls, run: Weighed, by: Coefficients) -> "Rows":
-        """The rows of a recording, with labels and recalls that these coefficients give."""
-        together, alone, learned = probabilities(run, by)
-        frames = run.frames
-        most = max(len(frame.visibility.cameras) for frame in frames)
-        names = [field.name for field in fields(Visibility) if field.name != "cameras"]
-        columns = {name: _beside([getattr(frame.visibility, name) for frame in frames], most) for name in names}
-        visibility = Visibility(tuple(map(str, range(most))), **columns)
-        return cls(run.starts(frames), visibility, _beside(learned, most), labels(run, (together, alone)))
-
-    def loss(self, by: Coefficients) -> float:
-        """The cross-entropy of the hypotheses and of the lidars' boxes."""
-        evidence = joined(camera_evidence(self.visibility, self.plain_recall, by), by)
-        first, second = self.start
-        together = probability(first.log_odds(by) + evidence) * first.place
-        alone = probability(second.log_odds(by)) * second.place
-        return cross_entropy(together, self.right[0]) + cross_entropy(alone, self.right[1])
-
-
-def _beside(arrays: Sequence[Any], rows: int) -> Any:
-    """Arrays (C, N) of frames side by side, each with rows of zeros up to `rows`."""
-    return np.concatenate([np.pad(one, ((0, rows - len(one)), (0, 0))) for one in arrays], 1)
 
 
 def labels(run: Weighed, found: tuple[list[F64], list[F64]]) -> tuple[F64, F64]:
@@ -268,26 +234,23 @@ def fit(runs: Sequence[Weighed], start: Coefficients, only: Sequence[str]) -> Co
     first = np.array(start)
     by = start
     for _ in range(ROUNDS):
-        tables = [Rows.of(run, by) for run in runs]
+        found = [probabilities(run, by) for run in runs]
+        known = [(run, one[2], labels(run, one[:2])) for run, one in zip(runs, found, strict=True)]
 
-        def loss(values: F64, tables: list[Rows] = tables) -> float:
+        def loss(values: F64, known: list[tuple[Weighed, list[F64], tuple[F64, F64]]] = known) -> float:
             tried = Coefficients(*values.tolist())
-            return PULL * float(((values - first) ** 2).sum()) + sum(one.loss(tried) for one in tables)
+            total = PULL * float(((values - first) ** 2).sum())
+            for run, learned, right in known:
+                parts = zip(probabilities(run, tried, learned), right, strict=False)
+                total += sum(cross_entropy(np.concatenate(part), is_right) for part, is_right in parts)
+            return total
 
         limits = [
             LIMITS.get(name, (None, None)) if not only or name in only else (value, value)
             for name, value in zip(names, start, strict=True)
         ]
-        found = minimize(loss, np.array(by), method="L-BFGS-B", bounds=limits)
-        by = Coefficients(*found.x.tolist())
+        by = Coefficients(*minimize(loss, np.array(by), method="L-BFGS-B", bounds=limits).x.tolist())
     return by
-
-
-def calibration_error(p: F64, right: Bools) -> float:
-    """Expected calibration error over ten bins."""
-    bins = np.minimum((p * 10).astype(np.intp), 9)
-    gaps = np.bincount(bins, p, 10) - np.bincount(bins, right, 10)
-    return float(np.abs(gaps).sum() / max(len(p), 1))
 
 
 def report(runs: Sequence[Weighed], by: Coefficients) -> None:
@@ -303,7 +266,8 @@ def report(runs: Sequence[Weighed], by: Coefficients) -> None:
             for class_id, name in enumerate(run.config.class_names):
                 rows = kept & (ids == class_id)
                 if rows.any():
-                    line.append(f"{name} {calibration_error(p[rows], right[rows] > 0):.3f} of {rows.sum()}")
+                    error = calibration_figures(p[rows].astype(np.float32), right[rows] > 0)["ece"]
+                    line.append(f"{name} {error:.3f} of {rows.sum()}")
             for limit in (0.2, 0.3, 0.4, 0.5, 0.6):
                 over = right[kept & (p >= limit)]
                 line.append(f"{limit}: {int((over > 0).sum())}/{int((right > 0).sum())} +{int((over == 0).sum())}")
