@@ -32,6 +32,9 @@ def preset_or_file(name: str | PathLike[str], presets: Mapping[str, Path], kind:
     Raises:
         LidcamError: it is neither; raised as `error`.
     """
+    if not isinstance(name, str | PathLike):
+        remedy = "; single values go into settings, as {'track.mode': 'none'}" if isinstance(name, Mapping) else ""
+        raise error(f"expected a preset ({', '.join(presets)}) or {kind}, found {type(name).__name__}{remedy}")
     text = fspath(name)
     path = presets.get(text, Path(text))
     with suppress(OSError):  # a name that no file can have

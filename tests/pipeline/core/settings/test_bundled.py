@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -38,3 +39,13 @@ def test_neither_a_preset_nor_a_file(name: str, meant: str) -> None:
     assert str(caught.value) == (
         f"{name}: expected a preset (sandbox, crossing, road) or a YAML file, found neither{meant}"
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [(7, "int"), ({"track": {}}, "dict; single values go into settings, as {'track.mode': 'none'}")],
+)
+def test_no_name(name: Any, found: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        settings_file(name)
+    assert str(caught.value) == f"expected a preset (sandbox, crossing, road) or a YAML file, found {found}"
