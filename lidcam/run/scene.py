@@ -2,27 +2,26 @@
 
 from collections import Counter
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, F64
 from lidcam.pipeline.core.clouds import CombinedCloud, Plane, PointCloud
-from lidcam.pipeline.core.errors import FrameError, MessageError
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.rig import LidarSensor, Rig
 from lidcam.pipeline.core.settings.combine import GroundConfig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.filters.ground import find_ground
 from lidcam.pipeline.stages.odometry import FindOdometry
-from lidcam.readers.messages.tf import ODOMETRY, decode_odometry
+from lidcam.readers.messages.tf import ODOMETRY
 from lidcam.readers.recording import Recording
 from lidcam.readers.rig.discovery import Discovery
 from lidcam.readers.rig.lens import RIG_FILE
 from lidcam.readers.rig.schema import Pose, RigFile
 from lidcam.readers.streams.decoders import CloudDecoder
-from lidcam.readers.streams.motion import FIXED_FRAMES, MotionSource, find_motion_source
+from lidcam.readers.streams.motion import FIXED_FRAMES, MotionBuffer, MotionSource, find_motion_source
 
 CLOUDS = 3
 """Number of clouds taken of each lidar: the first sweep may be a part of one."""
@@ -57,8 +56,9 @@ LOOKS = (0.0, 1 / 3, 2 / 3)
 """Times at which the clouds are looked at for motion and tilt, as shares of the recording: a truck may wait at its
 beginning."""
 
-STILL = 1e-4
-"""Maximum change of poses that stand still, metres and radians."""
+MAX_ERROR_SHARE = 1 / 3
+"""Maximum distance of a recorded motion from the one that clouds show, as a share of the longer one: worse odometry has
+other axes, or counts in other units, or stands still."""
 
 LOOK_CLOUDS, LOOK_STEP_NS = 5, 150_000_000
 """Number of these clouds, and the least time between two of them, nanoseconds."""
@@ -111,7 +111,7 @@ def clouds_show_motion(recording: Recording, rig: Rig, config: Config) -> bool:
     """Whether the clouds of the first lidar show that the rig moves, at the beginning or later."""
     if not rig.lidars:
         return False
-    return any(_moves(recording, rig, config, begin_ns) for begin_ns in looks(recording))
+    return any(_seen_motion(recording, rig, config, begin_ns) is not None for begin_ns in looks(recording))
 
 
 def looks(recording: Recording, start_ns: int | None = None, stop_ns: int | None = None) -> list[int]:
@@ -150,40 +150,48 @@ def find_motion(recording: Recording, config: Config, found: Discovery) -> tuple
             "on a vehicle, parked cars would seem to drive"
         )
         return None, replace(found, notes=(*found.notes, note, *unused))
-    odometry = {info.topic for info in recording.topics if info.msgtype == ODOMETRY}
-    topic = next((topic for topic in source.topics if topic in odometry), "") if source else ""
-    if not topic or config.combine.motion.topic or not _is_dead(recording, found.rig, config, topic):
+    if source is None or config.combine.motion.topic or not _contradicts(source, recording, found, config):
         return source, found
-    note = (
-        f"{topic}: its poses stand still while the clouds show that the rig moves, so it is not used "
-        f"(--set combine.motion.topic={topic} uses it)"
-    )
+    odometry = {info.topic for info in recording.topics if info.msgtype == ODOMETRY}
+    name = next((topic for topic in source.topics if topic in odometry), "tf")
+    remedy = "check its axes and units" if name == "tf" else f"--set combine.motion.topic={name} uses it"
+    note = f"{name}: its poses do not follow the motion of the clouds, so it is not used ({remedy})"
     return None, replace(found, notes=(*found.notes, note))
 
 
-def _is_dead(recording: Recording, rig: Rig, config: Config, topic: str) -> bool:
-    """Whether the poses of an odometry never change, though the clouds show motion; not without lidars."""
-    if not rig.lidars:
-        return False
-    seen = [(begin_ns, _poses(recording, topic, config, begin_ns)) for begin_ns in looks(recording)]
-    if any(len(poses) and np.ptp(poses, axis=0).max() > STILL for _, poses in seen):
-        return False
-    return any(len(poses) > 1 and _moves(recording, rig, config, begin_ns) for begin_ns, poses in seen)
+def _contradicts(source: MotionSource, recording: Recording, found: Discovery, config: Config) -> bool:
+    """Whether clouds show motion, and recorded poses another one or none wherever they do; not without lidars."""
+    contradictions = 0
+    for begin_ns in looks(recording) if found.rig.lidars else ():
+        seen = _seen_motion(recording, found.rig, config, begin_ns)
+        if seen is None:
+            continue
+        buffer = MotionBuffer(source, limits=config.limits)
+        buffer.read_ahead(recording, begin_ns + MAX_WAIT_NS)
+        stamps_ns = [stamp_ns + source.offset_ns for stamp_ns in seen.stamps_ns]
+        poses = buffer.window(sum(stamps_ns) // 2)
+        if not poses.covers(*stamps_ns):
+            continue
+        first, last = poses.at(*stamps_ns)
+        recorded, shown = (np.linalg.inv(first) @ last)[:3, 3], seen.T_first_last[:3, 3]
+        longer_m = max(np.linalg.norm(recorded), np.linalg.norm(shown))
+        if np.linalg.norm(recorded - shown) <= MAX_ERROR_SHARE * longer_m:
+            return False
+        contradictions += 1
+    return contradictions > 0
 
 
-def _poses(recording: Recording, topic: str, config: Config, begin_ns: int) -> F64:
-    """(N, 4, 4) poses of an odometry soon after a log time, as far as they can be decoded."""
-    poses: list[F64] = []
-    for message in recording.messages([topic], start_ns=begin_ns, stop_ns=begin_ns + MAX_WAIT_NS):
-        with suppress(MessageError, FrameError):
-            poses.append(decode_odometry(message, limits=config.limits).matrix)
-    return np.array(poses).reshape(-1, 4, 4)
+class _Motion(NamedTuple):
+    """The motion of the site frame from one cloud to a later one."""
+
+    T_first_last: F64  # (4, 4) the site frame at the later one, in the site frame at the earlier one
+    stamps_ns: tuple[int, int]  # Stamps of both
 
 
-def _moves(recording: Recording, rig: Rig, config: Config, begin_ns: int) -> bool:
-    """Whether some clouds after a log time show that the rig moves."""
-    lidar, odometry = rig.lidars[0], FindOdometry()
-    decode, last_ns, count, moved = CloudDecoder(rig, config, on_bad="skip"), -LOOK_STEP_NS, 0, 0
+def _seen_motion(recording: Recording, rig: Rig, config: Config, begin_ns: int) -> _Motion | None:
+    """The motion that some clouds after a log time show; None if they show none."""
+    lidar, odometry, stamps_ns = rig.lidars[0], FindOdometry(), list[int]()
+    decode, last_ns, moved = CloudDecoder(rig, config, on_bad="skip"), -LOOK_STEP_NS, 0
     for message in recording.messages([lidar.topic], start_ns=begin_ns, stop_ns=begin_ns + MAX_WAIT_NS):
         if message.log_time_ns - last_ns < LOOK_STEP_NS:
             continue
@@ -192,12 +200,15 @@ def _moves(recording: Recording, rig: Rig, config: Config, begin_ns: int) -> boo
             site = replace(cloud, xyz=lidar.T_site_lidar.apply(cloud.xyz))
             none = site.select(np.zeros(len(site), np.bool_))
             combined = CombinedCloud(site, none, np.zeros(0, np.uint8), none, None, {})
-            moved = moved + 1 if odometry(combined, message.log_time_ns) else 0
-            count += 1
+            pose = odometry(combined, message.log_time_ns)
+            stamps_ns.append(message.stamp_ns - lidar.time_offset_ns)
+            moved = moved + 1 if pose else 0
+            if pose and moved == 2:
+                return _Motion(pose.T_fixed_site, (stamps_ns[0], stamps_ns[-1]))
         last_ns = message.log_time_ns
-        if moved == 2 or count == LOOK_CLOUDS:
+        if len(stamps_ns) == LOOK_CLOUDS:
             break
-    return moved == 2
+    return None
 
 
 def judge(size: SceneSize, *, moves: bool) -> str:

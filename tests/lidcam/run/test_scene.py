@@ -135,27 +135,35 @@ def test_clouds_show_whether_a_lidar_is_on_a_mast_or_on_a_truck(begins: int, spe
 
 
 @pytest.mark.parametrize(
-    ("speed_m_s", "odometry_m_s", "settings", "is_used"),
+    ("speed_m_s", "recorded_m_s", "topic", "settings", "is_used"),
     [
-        (8, 8, {}, True),
-        (8, 0.1, {}, True),  # it may be poor
-        (8, 0, {}, False),
-        (0, 0, {}, True),  # it stands
-        (8, 0, {"combine": {"motion": {"topic": "/odom"}}}, True),
+        (8, 6.5, "/odom", {}, True),  # it may be poor
+        (8, 6.5, "/tf", {}, True),
+        (8, 0.1, "/odom", {}, False),
+        (8, 0, "/odom", {}, False),
+        (8, -8, "/odom", {}, False),  # its axis points backwards
+        (8, -8, "/tf", {}, False),
+        (8, 16, "/odom", {}, False),  # it counts in other units
+        (0, 0, "/odom", {}, True),  # it stands
+        (8, 0, "/odom", {"combine": {"motion": {"topic": "/odom"}}}, True),
     ],
 )
-def test_odometry_that_stands_still_while_the_clouds_move(
-    speed_m_s: float, odometry_m_s: float, settings: dict[str, Any], is_used: bool
+def test_motion_that_contradicts_the_clouds(
+    speed_m_s: float, recorded_m_s: float, topic: str, settings: dict[str, Any], is_used: bool
 ) -> None:
     messages = drive(speed_m_s=speed_m_s, count=20)
     for message in messages[:]:
-        x_m = odometry_m_s * (message.stamp_ns - START_NS) / 1e9
-        pose = odometry(stamp_ns=message.stamp_ns, child_frame_id="lidar", position=(x_m, 0, 0))
-        messages.append(raw("/odom", "nav_msgs/msg/Odometry", pose, message.stamp_ns))
+        place = recorded_m_s * (message.stamp_ns - START_NS) / 1e9, 0, 0
+        pose = odometry(stamp_ns=message.stamp_ns, child_frame_id="lidar", position=place)
+        transform = transform_stamped("odom", "lidar", stamp_ns=message.stamp_ns, translation=place)
+        said = (
+            ("nav_msgs/msg/Odometry", pose) if topic == "/odom" else ("tf2_msgs/msg/TFMessage", tf_message([transform]))
+        )
+        messages.append(raw(topic, *said, message.stamp_ns))
     recording, config = MemoryRecording(messages), Config.model_validate(settings)
     motion, found = find_motion(recording, config, discover_rig(recording, config))
     assert (motion is not None) is is_used
-    assert [note.startswith("/odom: its poses stand still") for note in found.notes] == [True] * (not is_used)
+    assert sum("its poses do not follow the motion of the clouds" in note for note in found.notes) == (not is_used)
 
 
 @pytest.mark.parametrize(
