@@ -99,7 +99,7 @@ class CombinedCloud:
 
     Attributes:
         cloud: The points without outliers and ground, if these steps are on; what is written and shown.
-        detection_cloud: Points to detect objects in: without ground, and with what outlier removal takes.
+        detection_cloud: Points to detect objects in: without ground and rain, but with other outliers.
         detection_lidar_index: (M,) uint8, row of `Rig.lidars` that measured each of these.
         ground_cloud: The points of the ground.
         plane: The ground; None if that step is off or found none.

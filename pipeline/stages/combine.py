@@ -14,7 +14,7 @@ from lidcam.pipeline.core.rig import LidarSensor, Rig
 from lidcam.pipeline.core.settings.combine import CombineConfig
 from lidcam.pipeline.filters.ground import find_ground
 from lidcam.pipeline.filters.motion import deskew
-from lidcam.pipeline.filters.outliers import statistical_inliers
+from lidcam.pipeline.filters.outliers import neighbor_distance_m, points_in_air, statistical_inliers
 from lidcam.pipeline.filters.relief import find_relief
 from lidcam.pipeline.native.kernels import moved, parted
 
@@ -26,7 +26,7 @@ class Combine:
     the order of `Rig.lidars`, and within a lidar in that of its message.
 
     Objects are detected in the points before outlier removal, whose single limit for all ranges would remove far and
-    thin objects. Clustering links points by a distance that grows with range, and leaves single ones out.
+    thin objects; only rain and snow are left out. Clustering links points by a distance that grows with range.
     """
 
     def __init__(self, rig: Rig, config: CombineConfig) -> None:
@@ -61,12 +61,16 @@ class Combine:
         counts = {"input": sum(len(c) + c.nan_dropped for c in clouds.values()), "nan": cloud.nan_dropped}
         counts["range"] = counts["input"] - counts["nan"] - len(cloud)
 
-        kept = np.ones(len(cloud), np.bool_)
+        kept, in_air = np.ones(len(cloud), np.bool_), np.zeros(len(cloud), np.bool_)
         if config.outliers.enabled:
-            kept = statistical_inliers(cloud.xyz, std_ratio=config.outliers.std_ratio)
+            distance_m = neighbor_distance_m(cloud.xyz)
+            kept = statistical_inliers(distance_m, std_ratio=config.outliers.std_ratio)
+            x, y, z = (cloud.xyz - self._lidar_origins_site.astype(np.float32).take(lidar_index, axis=0)).T
+            in_air = points_in_air(distance_m, np.sqrt(x * x + y * y + z * z), lidar_index)
 
         ground = self._ground_of(cloud.xyz, kept)
-        left, above, ground_cloud = ground.left, ground.above, cloud.select(ground.on_plane)
+        left, ground_cloud = ground.left, cloud.select(ground.on_plane)
+        above = ground.above[~in_air[ground.above]]
         counts["outliers"] = len(cloud) - len(ground_cloud) - len(left)
         counts |= {"ground": len(ground_cloud), "left": len(left)}
 

@@ -21,7 +21,7 @@ class MotionConfig(SettingsModel):
 
 
 class OutlierConfig(SettingsModel):
-    """Statistical outlier removal, as in PCL.
+    """Statistical outlier removal, as in PCL, of what is written and shown; for detection, removal of rain and snow.
 
     Attributes:
         enabled: If off, all points are kept.

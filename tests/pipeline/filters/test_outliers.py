@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial import cKDTree
 
 from lidcam.pipeline.core.arrays import F32, F64
-from lidcam.pipeline.filters.outliers import statistical_inliers
+from lidcam.pipeline.filters.outliers import neighbor_distance_m, points_in_air, statistical_inliers
 from lidcam.pipeline.native.kernels import mean_neighbor_distance_m
 
 SCENES = ("odd_cloud2_small", "odd_dups", "odd_nan", "odd_tiny", "s10k_0", "s10k_1", "s30k_0")
@@ -21,7 +21,7 @@ def test_keeps_exactly_what_pcl_keeps(scene: str) -> None:
     finite = np.flatnonzero(np.isfinite(cloud).all(axis=1))
     kept_by_pcl = np.fromfile(shared(f"oracles/combiner/{scene}/sor_kept.bin"), "<i4")
 
-    kept = finite[statistical_inliers(cloud[finite], std_ratio=0.2)]
+    kept = finite[statistical_inliers(neighbor_distance_m(cloud[finite]), std_ratio=0.2)]
 
     # PCL keeps every point that is not finite; lidcam's clouds have none.
     np.testing.assert_array_equal(kept, np.intersect1d(kept_by_pcl, finite))
@@ -38,7 +38,21 @@ def test_keeps_exactly_what_pcl_keeps(scene: str) -> None:
     ids=["none", "one", "two", "too few", "duplicates", "one place"],
 )
 def test_clouds_that_are_kept_whole(xyz: F64) -> None:
-    assert statistical_inliers(xyz.astype(np.float32), std_ratio=0.0).all()
+    assert statistical_inliers(neighbor_distance_m(xyz.astype(np.float32)), std_ratio=0.0).all()
+
+
+@pytest.mark.parametrize(("drops", "share"), [(0, 0.0), (100, 0.0), (600, 0.8)], ids=["clear", "a few", "snow"])
+def test_points_in_the_air(drops: int, share: float) -> None:
+    rng = np.random.default_rng(1)
+    ground = rng.uniform((-12, -12, -1.7), (12, 12, -1.7), (120_000, 3))
+    car = rng.uniform((4, -1, -1.7), (4, 1, 0), (2000, 3))
+    person_far_away = rng.uniform((40, 0, -1.7), (40, 0.5, 0), (12, 3))
+    snow = rng.uniform((-6, -6, -1), (3, 6, 2), (drops, 3))
+    xyz = np.concatenate([ground, car, person_far_away, snow]).astype(np.float32)
+    range_m = np.linalg.norm(xyz, axis=1)
+    found = points_in_air(neighbor_distance_m(xyz), range_m, np.zeros(len(xyz), np.uint8))
+    assert found[len(xyz) - drops :].sum() >= share * drops
+    assert found[: len(xyz) - drops].sum() <= 0.001 * len(xyz) * (share > 0)
 
 
 # --- the mean distances themselves
