@@ -22,6 +22,7 @@ from lidcam.pipeline.calibration.pairs import TrackedPairs, tracked_pairs
 from lidcam.pipeline.core.arrays import F64, join_rows
 from lidcam.pipeline.core.frame import FrameResult, SensorBundle
 from lidcam.pipeline.core.geometry.rotations import rotation_vectors
+from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.parallel.process import copied_workers
 from lidcam.pipeline.stages.combine import Combine
@@ -175,13 +176,12 @@ def _bundles(source: RunInput, drops: DropTable) -> Iterator[SensorBundle]:
     recording, window = source.recording, source.window
     start_ns = recording.start_ns if window.start_ns is None else window.start_ns
     stop_ns = recording.end_ns + 1 if window.stop_ns is None else min(window.stop_ns, recording.end_ns + 1)
-    waiting, stamps_ns = [start_ns], list[int]()
+    waiting, stamps_ns, last = [start_ns], list[int](), dict[str, RawMessage]()
     while waiting:
         begin_ns = waiting.pop(0)
         stretch = replace(source, window=TimeWindow(begin_ns, stop_ns))
-        for bundle in islice(
-            bundles(stretch, drops, SyncStats(), sensor_clocks(source.rig, source.motion, drops)), STRETCH_FRAMES
-        ):
+        clocks = sensor_clocks(source.rig, source.motion, drops)
+        for bundle in islice(bundles(stretch, drops, SyncStats(), clocks, last), STRETCH_FRAMES):
             stamps_ns.append(bundle.stamp_ns)
             yield bundle
         if begin_ns == start_ns and len(stamps_ns) > 1:  # the first stretch shows how far apart frames are

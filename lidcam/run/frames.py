@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -37,6 +37,12 @@ MAX_MOTION_BYTES = 256 << 20
 
 REPEATED = "recorded twice"
 """Reason of drops of messages that equal the one before them, byte by byte."""
+
+SAME_PICTURE = "the same picture as the one before, as of a driver that repeats it"
+"""Reason of drops of images whose stamps alone are new."""
+
+HEADER_BYTES = 32
+"""Size of the beginning of an image's message that holds its stamp, and its number in ROS 1."""
 
 NOT_EVERY = "of a frame that sync.every leaves out"
 """Reason of drops that the user asked for."""
@@ -101,29 +107,37 @@ def sensor_clocks(rig: Rig, motion: MotionSource | None, drops: DropTable) -> Cl
     return Clocks(offsets_ns, on_drop=drops.count_defect, on_bad=drops.count_bad, on_start=drops.count_drop)
 
 
-def bundles(source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks) -> Iterator[SensorBundle]:
+def bundles(
+    source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks, last: dict[str, RawMessage] | None = None
+) -> Iterator[SensorBundle]:
     """The bundles of a recording, in order, with the motion of the site frame around each and the messages to copy.
 
     Where time jumps back, synchronisation and motion begin anew: no bundle mixes both sides. `drops` gets every message
-    that no bundle uses, `stats` the spread of the stamps in each bundle, and the missing sensors.
+    that no bundle uses, `stats` the spread of the stamps in each bundle, and the missing sensors. `last` has the last
+    messages read, by topic, and goes on with them: earlier ones, if they come from an earlier part of the recording.
     """
     config, recording, window = source.config, source.recording, source.window
     motion_topics = source.motion.topics if source.motion else ()
     used = frozenset((*synchronized_topics(config, source.rig), *motion_topics))
     messages = recording.messages({*used, *source.copied}, start_ns=window.start_ns, stop_ns=window.stop_ns)
     if not source.copied:
-        yield from _bundles(source, drops, stats, clocks, messages)
+        yield from _bundles(source, drops, stats, clocks, messages, last)
         return
     hooks = {"on_drop": drops.count_drop, "on_bad": drops.count_bad}
     copied = CopiedMessages(source.copied, config.classes, drawn=source.drawn, limits=config.limits, **hooks)
     if window.start_ns is not None:
         copied.read_ahead(recording, window.start_ns)
-    found = _bundles(source, drops, stats, clocks, copied.tap(messages, used))
+    found = _bundles(source, drops, stats, clocks, copied.tap(messages, used), last)
     yield from copied.handed_on(found, recording, window.stop_ns)
 
 
 def _bundles(
-    source: RunInput, drops: DropTable, stats: SyncStats, clocks: Clocks, messages: Iterable[RawMessage]
+    source: RunInput,
+    drops: DropTable,
+    stats: SyncStats,
+    clocks: Clocks,
+    messages: Iterable[RawMessage],
+    last: dict[str, RawMessage] | None,
 ) -> Iterator[SensorBundle]:
     config, recording, window = source.config, source.recording, source.window
     motion = MotionBuffer(source.motion, limits=config.limits, on_drop=drops.count_bad)
@@ -135,7 +149,7 @@ def _bundles(
         video.look_back(recording, window.start_ns)
 
     numbers = itertools.count()
-    for part in clocks.parts(video.decoded(_once(messages, topics, drops))):
+    for part in clocks.parts(video.decoded(_once(messages, source, drops, last))):
         found = _every(synchronized(motion.tap(part)), config.sync.every, numbers, drops)
         found = video.without_blanks(found, on_drop=drops.count_drop, on_bad=drops.count_bad)
         yield from found if source.motion is None else _with_motion(found, motion)
@@ -175,25 +189,36 @@ def synchronize_stamps(
     """Synchronise messages as a run does, by their stamps alone: nothing is decoded."""
     topics, synchronized = synchronized_topics(source.config, source.rig), _synchronizer(source, drops, stats)
     used = (message for message in messages if message.topic in topics)
-    stamped = (message._replace(data=b"") for message in _once(used, topics, drops))
+    stamped = (message._replace(data=b"") for message in _once(used, source, drops))
     for part in clocks.parts(stamped):
         deque(synchronized(part), maxlen=0)
 
 
-def _once(messages: Iterable[RawMessage], topics: Collection[str], drops: DropTable) -> Iterator[RawMessage]:
-    """Messages without those of `topics` that equal the one before them, as of two recorders, or of two publishers.
+def _once(
+    messages: Iterable[RawMessage], source: RunInput, drops: DropTable, last: dict[str, RawMessage] | None = None
+) -> Iterator[RawMessage]:
+    """Messages without those that equal the one before them, as of two recorders, or of two publishers.
 
-    A stamp of 0 says nothing: messages without boxes are alike.
+    A stamp of 0 says nothing: messages without boxes are alike. Images that go to a detector are left out as well if
+    their stamp alone is new: the noise of a sensor makes every picture another one. `last` is that of `bundles`.
     """
-    last: dict[str, RawMessage] = {}
+    last = {} if last is None else last
+    topics = synchronized_topics(source.config, source.rig)
+    images = decoded_topics(source.config, source.rig) & {camera.topic for camera in source.rig.cameras}
+    images -= {*video_topics(source.recording, topics)}  # a still scene may be coded as the same again and again
     for message in messages:
-        before = last.get(message.topic)
-        if before and before.stamp_ns == message.stamp_ns != 0 and before.data == message.data:
-            drops.count_drop(Drop(message.topic, message.stamp_ns, REPEATED))
-            continue
-        if message.topic in topics:
-            last[message.topic] = message
-        yield message
+        topic, before, reason = message.topic, last.get(message.topic), ""
+        if before and before.order != message.order:
+            if before.stamp_ns == message.stamp_ns:
+                reason = REPEATED if message.stamp_ns and before.data == message.data else ""
+            elif topic in images and len(message.data) > HEADER_BYTES:
+                reason = SAME_PICTURE if before.data[HEADER_BYTES:] == message.data[HEADER_BYTES:] else ""
+        if topic in topics:
+            last[topic] = message
+        if reason:
+            drops.count_drop(Drop(topic, message.stamp_ns, reason))
+        else:
+            yield message
 
 
 def missing_from_frames(source: RunInput, stats: SyncStats) -> list[MissingSensor]:

@@ -1,5 +1,7 @@
 from collections import deque
-from itertools import count
+from dataclasses import replace
+from itertools import accumulate, count
+from typing import Literal
 
 import pytest
 from memory_recording import MemoryRecording
@@ -8,11 +10,12 @@ from small_drive import STEP_NS, small_drive
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.settings.detect import Detect2DConfig
 from lidcam.pipeline.stages.sync.clocks import Clocks
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.readers.rig.discovery import discover_rig
 from lidcam.readers.streams.motion import find_motion_source
-from lidcam.run.frames import RunInput, _every, bundles, sensor_clocks, synchronize_stamps
+from lidcam.run.frames import SAME_PICTURE, RunInput, _every, bundles, sensor_clocks, synchronize_stamps
 from lidcam.run.tally import DropTable
 
 
@@ -64,3 +67,22 @@ def test_messages_that_were_recorded_twice_count_once(late_ms: int, by_stamps: b
     assert [(row.topic, row.reason, row.count) for row in drops.rows] == [
         (topic, "recorded twice", 30) for topic in ("/cam/image_raw", "/points")
     ]
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+@pytest.mark.parametrize(("method", "used"), [("callable", 11), ("none", 30)], ids=["detected", "copied"])
+def test_a_picture_that_a_driver_repeats_with_new_stamps_goes_to_the_detector_once(
+    method: Literal["callable", "none"], used: int, encoding: Literal["ros1", "cdr"]
+) -> None:
+    messages, topic = small_drive(encoding, frames=30), "/cam/image_raw"
+    frozen = [one.data for one in messages if one.topic == topic][10]
+    messages = [
+        one._replace(data=bytes(one.data[:12]) + bytes(frozen[12:])) if one.topic == topic and number > 10 else one
+        for number, one in zip(accumulate(one.topic == topic for one in messages), messages, strict=True)
+    ]
+    source, drops, stats, clocks = run_of(messages)
+    config = Config(detect2d=Detect2DConfig(method=method))
+    found = [*bundles(replace(source, config=config), drops, stats, clocks)]
+    assert len(found) == 30
+    assert sum(topic in bundle.messages for bundle in found) == used
+    assert [row.count for row in drops.rows if row.reason == SAME_PICTURE] == [30 - used] * (used < 30)
