@@ -51,6 +51,7 @@ from lidcam.pipeline.fusion.belief.odds import (
     Coefficients,
     camera_evidence,
     joined,
+    joined_without_each,
     log_odds_before_cameras,
     match_radii_m,
     position_probability,
@@ -161,7 +162,7 @@ def probabilities(run: Weighed, by: Coefficients, known: Sequence[F64] = ()) -> 
         learned.append(known[row] if known else recall.plain(frame.visibility))
         evidence = camera_evidence(frame.visibility, learned[-1], by)
         if not known:
-            recall.learn(frame.visibility, before, evidence, by)
+            recall.learn(frame.visibility, probability(before + joined_without_each(evidence, by)))
         together.append(probability(before + joined(evidence, by)) * first.place)
         alone.append(probability(second.log_odds(by)) * second.place)
     return together, alone, learned

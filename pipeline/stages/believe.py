@@ -23,6 +23,7 @@ from lidcam.pipeline.fusion.belief.odds import (
     FITTED,
     camera_evidence,
     joined,
+    joined_without_each,
     log_odds_before_cameras,
     match_radii_m,
     position_probability,
@@ -73,22 +74,25 @@ class Believe:
         Raises:
             FrameError: the motion is that of a frame other than the site frame.
         """
-        by_camera = camera_evidence(visibility, self._recall.plain(visibility), FITTED)
+        recall, shares = self._recall.plain(visibility), view_shares(visibility)
         boxes, look = hypotheses.boxes, np.isin(self._cameras, visibility.cameras)
         rows = [self._cameras.index(name) for name in visibility.cameras]
         shape = len(self._cameras), len(boxes)
         found, is_seen = np.zeros((3, *shape)), np.zeros(shape, np.bool_)
-        found[:, rows], is_seen[rows] = [by_camera, *view_shares(visibility)], visibility.in_view
+        is_seen[rows] = visibility.in_view
         self._memory.advance(
             (bundle.stamp_ns - self._last_ns) / 1e9, own_motion(bundle, self._last_ns, self._site_frame, self._motion)
         )
         self._last_ns = bundle.stamp_ns
         is_asked = ~look[:, None] & self._could_see(hypotheses)
         recalled = self._memory.recalled(boxes, np.tile(is_asked, (3, 1))).reshape(found.shape)
+        by_camera = camera_evidence(visibility, recall, FITTED)
+        before = self._before_cameras(hypotheses, np.concatenate([shares, recalled[1:]], 1))
+        sees = self._recall.learn(visibility, probability(before + joined_without_each(by_camera, FITTED)))
+        found[:, rows] = [camera_evidence(visibility, recall * sees, FITTED), *(shares * sees)]
         self._memory.remember(boxes, np.tile(is_seen, (3, 1)), np.concatenate(found), np.tile(look, 3))
-        evidence, *shares = found + recalled
-        before = self._before_cameras(hypotheses, np.max(shares, axis=1, initial=0.0) * self._has_network)
-        self._recall.learn(visibility, before, by_camera, FITTED)
+        evidence, *seen = found + recalled
+        before = self._before_cameras(hypotheses, np.array(seen))
         position = position_probability(boxes.covariances, self._radii_m[boxes.class_ids])
         return self._exclusive(boxes, probability(before + joined(evidence, FITTED)) * position)
 
@@ -101,8 +105,10 @@ class Believe:
         beliefs[vehicles] = np.minimum(better, 1 - (is_rival * better[:, None]).max(0, initial=0.0))
         return beliefs
 
-    def _before_cameras(self, hypotheses: Hypotheses, in_view: F64) -> F64:
+    def _before_cameras(self, hypotheses: Hypotheses, shares: F64) -> F64:
+        """(N,) log odds by the lidars alone; `shares` (2, C, N) are the `view_shares` of cameras."""
         boxes = hypotheses.boxes
+        in_view = shares.max(1, initial=0.0) * self._has_network
         return log_odds_before_cameras(
             boxes.scores.astype(np.float64),
             self._frequencies[boxes.class_ids],

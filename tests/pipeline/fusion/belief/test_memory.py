@@ -7,7 +7,7 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.fusion.belief.memory import HALF_LIFE_S, MAX_AGE_S, MAX_COUNTED, PRIOR_RECALL, Memory, RecallCounts
-from lidcam.pipeline.fusion.belief.odds import FITTED
+from lidcam.pipeline.fusion.belief.odds import probability
 from lidcam.pipeline.fusion.belief.visibility import Visibility
 
 STILL = np.eye(4)
@@ -97,21 +97,49 @@ def test_what_other_cameras_said_is_kept_until_they_look() -> None:
 SURE, DOUBTFUL = 5.0, -1.0
 
 
-def views(camera: str, sizes_px: list[float], is_matched: list[bool], visible: float = 1.0) -> Visibility:
+def views(
+    camera: str, sizes_px: list[float], is_matched: list[bool], visible: float = 1.0, log_false: float = -50.0
+) -> Visibility:
     shape = 1, len(sizes_px)
-    zeros, yes = np.zeros(shape), np.ones(shape, np.bool_)
+    zeros, yes, shown = np.zeros(shape), np.ones(shape, np.bool_), np.full(shape, visible)
     sizes, matched = np.array([sizes_px], np.float64), np.array([is_matched], np.bool_)
-    return Visibility((camera,), yes, sizes, np.full(shape, visible), ~yes, matched, zeros, zeros.copy(), zeros.copy())
+    return Visibility((camera,), yes, sizes, shown, ~yes, matched, zeros, zeros, zeros, np.array([log_false]))
 
 
 def plain(recall: RecallCounts, camera: str, size_px: float) -> float:
     return float(recall.plain(views(camera, [size_px], [False]))[0, 0])
 
 
-def learn(recall: RecallCounts, seen: Visibility, before: float, times: int = 1) -> None:
-    odds: F64 = np.full(seen.size_px.shape[1], before)
-    for _ in range(times):
-        recall.learn(seen, odds, np.zeros(seen.size_px.shape), FITTED)
+def learn(recall: RecallCounts, seen: Visibility, before: float, times: int = 1) -> float:
+    """The probability that the camera sees, in the last frame."""
+    others = probability(np.full(seen.size_px.shape, before))
+    return [float(recall.learn(seen, others)[0, 0]) for _ in range(times)][-1]
+
+
+@pytest.mark.parametrize(
+    ("missed", "found", "log_false", "times", "sees"),
+    [
+        (0, 0, 0.0, 1, 1.0),  # nothing is there
+        (4, 0, 0.0, 1, 0.0),
+        (2, 0, 0.0, 1, 1.0),  # chance?
+        (2, 0, 0.0, 3, 0.0),
+        (4, 0, -5.0, 3, 1.0),  # it sees others
+        (3, 1, -5.0, 3, 1.0),
+    ],
+)
+def test_a_camera_without_a_true_2d_box_where_several_should_be_is_blind(
+    missed: int, found: int, log_false: float, times: int, sees: float
+) -> None:
+    recall = RecallCounts(["cam"])
+    seen = views("cam", [60.0] * (missed + found), [False] * missed + [True] * found, log_false=log_false)
+    assert learn(recall, seen, SURE, times) == pytest.approx(sees, abs=0.3)
+    assert learn(recall, views("cam", [60.0] * 3, [True] * 3, log_false=-6.0), SURE) > 0.9, "it sees again"
+
+
+def test_blind_frames_say_nothing_of_a_detector() -> None:
+    recall = RecallCounts(["cam"])
+    learn(recall, views("cam", [60.0] * 4, [False] * 4, log_false=0.0), SURE, times=100)
+    assert plain(recall, "cam", 60) > 0.8 * PRIOR_RECALL[3]
 
 
 def test_a_camera_that_sees_nothing_loses_its_say() -> None:

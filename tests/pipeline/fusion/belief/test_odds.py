@@ -41,7 +41,7 @@ def views(
     values = (np.array([[value]], np.float64) for value in (60.0, visible, score, iou, agreement))
     view, cut, matched = flags
     size_px, shown, scores, overlap, agreed = values
-    return Visibility(("cam",), view, size_px, shown, cut, matched, scores, overlap, agreed)
+    return Visibility(("cam",), view, size_px, shown, cut, matched, scores, overlap, agreed, np.zeros(1))
 
 
 def evidence(found: Visibility, recall: float = 0.9) -> float:
