@@ -10,6 +10,7 @@ from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.combine import GroundConfig
 from lidcam.readers.recording import Recording
+from lidcam.run.frames import HEADER_BYTES
 from lidcam.run.warning import RunWarning
 
 
@@ -138,21 +139,25 @@ COMPARED_BYTES = 4096
 MIN_SHOWN = 20
 """Minimum number of objects in the view of a camera without 2D boxes that is named, over all frames."""
 
+MIN_BLIND_SHARE = 0.1
+"""Minimum share of its images in a row without a 2D box."""
+
 MIN_ANGLE = 0.15
 """Minimum diagonal of such an object, as a share of its distance: a car at 30 m."""
 
 
 class CameraCheck:
-    """Counts each camera's images that repeat the one before, its 2D boxes, and the objects in its view."""
+    """Counts each camera's images that repeat the one before, and those without a 2D box where objects are."""
 
     def __init__(self, rig: Rig) -> None:
         self._cameras = [camera for camera in rig.cameras if camera.topic]
         self._last: dict[str, bytes] = {}
-        # By camera: images, those that repeat the one before, 2D boxes, and objects in view
+        # By camera: images, and those that repeat the one before
         self._images: Counter[str] = Counter()
         self._same: Counter[str] = Counter()
-        self._boxes: Counter[str] = Counter()
-        self._shown: Counter[str] = Counter()
+        # By camera: number of images in a row without a 2D box, objects in view in these, the first and the last frame
+        self._blind: dict[str, tuple[int, int, int, int]] = {}
+        self._longest: dict[str, tuple[int, int, int, int]] = {}
 
     def add_frame(self, frame: FrameResult) -> None:
         """Add one frame."""
@@ -160,25 +165,32 @@ class CameraCheck:
             name, message = camera.name, frame.bundle.messages.get(camera.topic)
             if message is None or not len(message.data):
                 continue
-            last, data = self._last.get(name), message.data
-            self._last[name] = np.frombuffer(data, np.uint8)[:: len(data) // COMPARED_BYTES + 1].tobytes()
+            last, picture = self._last.get(name), np.frombuffer(message.data, np.uint8)[HEADER_BYTES:]
+            self._last[name] = picture[:: len(picture) // COMPARED_BYTES + 1].tobytes()
             self._images[name] += 1
             self._same[name] += self._last[name] == last
-            if name in frame.detections.cameras:
-                self._boxes[name] += len(frame.detections.cameras[name])
-                self._shown[name] += _shown(frame, name)
+            boxes, index = frame.detections.cameras.get(name), frame.bundle.index
+            if boxes is not None and len(boxes):
+                self._blind.pop(name, None)
+            elif boxes is not None:
+                images, objects, first, _ = self._blind.get(name, (0, 0, index, index))
+                self._blind[name] = images + 1, objects + _shown(frame, name), first, index
+                self._longest[name] = max(self._longest.get(name, (0, 0, 0, 0)), self._blind[name])
 
     @property
     def warnings(self) -> Iterator[RunWarning]:
-        """One for each camera whose images are nearly all the same, or that has no 2D box of many objects."""
+        """One for each camera whose images are nearly all the same, or that has no 2D box of many objects in a row."""
         for camera in self._cameras:
             name, images = camera.name, self._images[camera.name]
             exclude = f"leave it out with --set topics.exclude=[{camera.topic}]"
             if images >= MIN_IMAGES and self._same[name] >= MIN_SAME_SHARE * (images - 1):
                 finding = f"{self._same[name]} of {images} images are the same as the one before"
                 yield RunWarning(name, finding, f"its driver may repeat an image, or it is covered; {exclude}")
-            elif images >= MIN_IMAGES and not self._boxes[name] and self._shown[name] >= MIN_SHOWN:
-                finding = f"no 2D box in {images} images, with {self._shown[name]} objects in its view"
+                continue
+            blind, objects, first, last = self._longest.get(name, (0, 0, 0, 0))
+            if blind >= max(MIN_IMAGES, MIN_BLIND_SHARE * images) and objects >= MIN_SHOWN:
+                span = f" in a row, in frames {first} to {last}," if blind < images else ","
+                finding = f"no 2D box in {blind} images{span} with {objects} objects in its view"
                 remedy = f"it may be covered or too dark, or the network may not fit its images; {exclude}"
                 yield RunWarning(name, finding, remedy)
 

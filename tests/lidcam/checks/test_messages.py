@@ -97,9 +97,10 @@ def test_clouds_without_ground_are_told(frames: int, groundless: int, *, is_told
 
 
 def repeated(index: int, *topics: str) -> FrameResult:
-    """A frame with the images of frame 0 on some topics."""
+    """A frame with the pictures of frame 0 on some topics, and stamps of their own."""
     result, first = frame(index), frame(0).bundle.messages
-    messages = {**result.bundle.messages, **{topic: first[topic] for topic in topics}}
+    again = {topic: first[topic]._replace(data=bytes([index] * 12) + first[topic].data[12:]) for topic in topics}
+    messages = {**result.bundle.messages, **again}
     return replace(result, bundle=replace(result.bundle, messages=messages))
 
 
@@ -129,6 +130,11 @@ def seeing(result: FrameResult, name: str, *, objects: bool = True) -> FrameResu
         ([frame(row) for row in range(19)], []),
         ([frame(row) for row in range(20)], ["right: no 2D box in 20 images, with 20 objects in its view"]),
         ([seeing(frame(row), "right") if row == 7 else frame(row) for row in range(25)], []),
+        (
+            [seeing(frame(row), "right") if row < 7 else frame(row) for row in range(30)],
+            ["right: no 2D box in 23 images in a row, in frames 7 to 29, with 23 objects in its view"],
+        ),
+        ([seeing(frame(row), "right") if row < 250 else frame(row) for row in range(270)], []),
         ([seeing(frame(row), "left", objects=False) for row in range(25)], []),
         ([without_messages(frame(row), "/right/image") for row in range(25)], []),
         ([repeated(row, "/left/image") for row in range(9)], []),
