@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
@@ -142,6 +143,12 @@ MIN_SHOWN = 20
 MIN_BLIND_SHARE = 0.1
 """Minimum share of its images in a row without a 2D box."""
 
+MIN_FOUND_SHARE, MIN_SOUGHT = 0.4, 50
+"""Minimum share of the objects in its view that a camera has 2D boxes of, and minimum number of these objects.
+
+Of cars of KITTI in daylight, it is 0.96; 0.63 with dirt on a third of the images, 0.34 with a sixteenth of the light.
+"""
+
 MIN_ANGLE = 0.15
 """Minimum diagonal of such an object, as a share of its distance: a car at 30 m."""
 
@@ -152,9 +159,11 @@ class CameraCheck:
     def __init__(self, rig: Rig) -> None:
         self._cameras = [camera for camera in rig.cameras if camera.topic]
         self._last: dict[str, bytes] = {}
-        # By camera: images, and those that repeat the one before
+        # By camera: images, those that repeat the one before, objects in its view, and those with a 2D box
         self._images: Counter[str] = Counter()
         self._same: Counter[str] = Counter()
+        self._objects: Counter[str] = Counter()
+        self._found: Counter[str] = Counter()
         # By camera: number of images in a row without a 2D box, objects in view in these, the first and the last frame
         self._blind: dict[str, tuple[int, int, int, int]] = {}
         self._longest: dict[str, tuple[int, int, int, int]] = {}
@@ -170,16 +179,21 @@ class CameraCheck:
             self._images[name] += 1
             self._same[name] += self._last[name] == last
             boxes, index = frame.detections.cameras.get(name), frame.bundle.index
-            if boxes is not None and len(boxes):
+            if boxes is None:
+                continue
+            shown = _shown_rows(frame, name)
+            self._objects[name] += len(shown)
+            self._found[name] += int(np.isin(shown, frame.matches[name].pairs[:, 0]).sum())
+            if len(boxes):
                 self._blind.pop(name, None)
-            elif boxes is not None:
-                images, objects, first, _ = self._blind.get(name, (0, 0, index, index))
-                self._blind[name] = images + 1, objects + _shown(frame, name), first, index
-                self._longest[name] = max(self._longest.get(name, (0, 0, 0, 0)), self._blind[name])
+                continue
+            images, objects, first, _ = self._blind.get(name, (0, 0, index, index))
+            self._blind[name] = images + 1, objects + len(shown), first, index
+            self._longest[name] = max(self._longest.get(name, (0, 0, 0, 0)), self._blind[name])
 
     @property
     def warnings(self) -> Iterator[RunWarning]:
-        """One for each camera whose images are nearly all the same, or that has no 2D box of many objects in a row."""
+        """One for each camera whose images are nearly all the same, or that has no 2D box of many objects."""
         for camera in self._cameras:
             name, images = camera.name, self._images[camera.name]
             exclude = f"leave it out with --set topics.exclude=[{camera.topic}]"
@@ -188,18 +202,22 @@ class CameraCheck:
                 yield RunWarning(name, finding, f"its driver may repeat an image, or it is covered; {exclude}")
                 continue
             blind, objects, first, last = self._longest.get(name, (0, 0, 0, 0))
+            found, of_all = self._found[name], self._objects[name]
+            remedy = f"it may be covered or too dark, or the network may not fit its images; {exclude}"
             if blind >= max(MIN_IMAGES, MIN_BLIND_SHARE * images) and objects >= MIN_SHOWN:
                 span = f" in a row, in frames {first} to {last}," if blind < images else ","
                 finding = f"no 2D box in {blind} images{span} with {objects} objects in its view"
-                remedy = f"it may be covered or too dark, or the network may not fit its images; {exclude}"
                 yield RunWarning(name, finding, remedy)
+            elif of_all >= MIN_SOUGHT and found < MIN_FOUND_SHARE * of_all:
+                finding = f"2D boxes of {found} of {of_all} objects in its view"
+                yield RunWarning(name, finding, f"its calibration may be wrong, {remedy}")
 
 
-def _shown(frame: FrameResult, name: str) -> int:
-    """Number of objects that are large enough in the image of a camera."""
+def _shown_rows(frame: FrameResult, name: str) -> I64:
+    """(N,) hypotheses of the objects that are large enough in the image of a camera, without those by tracks alone."""
     objects, view = frame.fused.objects, frame.views[name]
     centers = view.T_camera_site.apply(objects.centers)
     pixels, valid = view.model.project(centers)
     inside = ((pixels >= 0) & (pixels <= (view.model.width_px, view.model.height_px))).all(1)
     is_large = np.linalg.norm(objects.sizes, axis=1) >= MIN_ANGLE * np.linalg.norm(centers, axis=1)
-    return int((valid & inside & is_large).sum())
+    return np.asarray(frame.fused.rows[valid & inside & is_large & (frame.fused.rows >= 0)])

@@ -134,7 +134,11 @@ def seeing(result: FrameResult, name: str, *, objects: bool = True) -> FrameResu
             [seeing(frame(row), "right") if row < 7 else frame(row) for row in range(30)],
             ["right: no 2D box in 23 images in a row, in frames 7 to 29, with 23 objects in its view"],
         ),
-        ([seeing(frame(row), "right") if row < 250 else frame(row) for row in range(270)], []),
+        ([seeing(frame(row), "right") if row < 30 else frame(row) for row in range(49)], []),
+        (
+            [seeing(frame(row), "right") if row < 250 else frame(row) for row in range(270)],
+            ["right: 2D boxes of 0 of 270 objects in its view"],
+        ),
         ([seeing(frame(row), "left", objects=False) for row in range(25)], []),
         ([without_messages(frame(row), "/right/image") for row in range(25)], []),
         ([repeated(row, "/left/image") for row in range(9)], []),
