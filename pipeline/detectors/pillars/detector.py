@@ -257,7 +257,8 @@ class FittedPillarDetector:
         A box is left as it is where its points are only a part of the object, or more than the object.
         """
         proposed = self.network(combined)
-        vehicles = Candidates3D._make(column[~self._is_slender[proposed.class_ids]] for column in proposed)
+        are_vehicles = (proposed.class_ids >= 0) & ~self._is_slender[proposed.class_ids]
+        vehicles = Candidates3D._make(column[are_vehicles] for column in proposed)
         found, beside = (likely_boxes(combined, self._site_frame, one, 0.0) for one in (proposed, vehicles))
         found = found.select(~self._is_tall[found.class_ids]).joined(beside.select(self._is_tall[beside.class_ids]))
         found = self._as_vehicles(found.select(np.argsort(-found.scores, kind="stable")), vehicles)

@@ -92,10 +92,14 @@ def test_points_say_where_and_the_network_which_way(tmp_path: Path) -> None:
         assert log_odds(boxes, box) == pytest.approx(expected, abs=1e-3)
 
 
-@pytest.mark.parametrize(("place", "is_alike"), [(CAR, True), (FAR, False)])
-def test_a_tall_car_is_no_less_there_for_looking_like_a_truck(tmp_path: Path, place: Box, is_alike: bool) -> None:
-    cloud, names = combined(scan(LIDAR, [CAR, FAR])), ("car", "truck")
-    boxes = detector(tmp_path, [np.array(CAR), np.add(place, OFF)], names, "pillars", last=1)(cloud)
+@pytest.mark.parametrize(
+    ("place", "other", "is_alike"), [(CAR, "truck", True), (FAR, "truck", False), (CAR, "barrier", False)]
+)
+def test_a_tall_car_is_no_less_there_for_looking_like_a_truck(
+    tmp_path: Path, place: Box, other: str, is_alike: bool
+) -> None:
+    cloud, found = combined(scan(LIDAR, [CAR, FAR])), [np.array(CAR), np.add(place, OFF)]
+    boxes = detector(tmp_path, found, ("car", other), "pillars", last=1)(cloud)
     assert at(boxes, CAR).class_ids[0] == 0
     doubt = 1 / (1 + np.exp(LOG_ODDS))
     np.testing.assert_allclose(at(boxes, CAR).scores[0], 1 - doubt ** (1 + is_alike), rtol=1e-4)
