@@ -73,6 +73,8 @@ class Combine:
         above = ground.above[~in_air[ground.above]]
         counts["outliers"] = len(cloud) - len(ground_cloud) - len(left)
         counts |= {"ground": len(ground_cloud), "left": len(left)}
+        if in_air.any():  # left out of detection alone
+            counts["rain or snow"] = len(ground.above) - len(above)
 
         points_by_lidar = {self._rig.lidars[index].name: len(sweep) for index, sweep in sweeps.items()}
         return CombinedCloud(

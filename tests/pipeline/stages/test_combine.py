@@ -206,6 +206,17 @@ def test_objects_are_detected_in_what_outlier_removal_takes_but_not_in_the_groun
     assert np.abs(cloud.xyz[:, 2] - combined.plane.height_m(cloud.xyz[:, :2])).min() > CombineConfig().ground.distance_m
 
 
+@pytest.mark.parametrize("drops", [0, 600])
+def test_rain_is_left_out_of_detection_and_counted(drops: int) -> None:
+    rng = np.random.default_rng(3)
+    ground = np.column_stack([rng.uniform(-12, 12, (120_000, 2)), rng.normal(-1.7, 0.01, 120_000)])
+    rain = rng.uniform((-6, -6, -1), (3, 6, 2), (drops, 3))
+    found = Combine(rig(a=pose()), CombineConfig())(frame(), {"a": sweep(np.concatenate([ground, rain]))})
+    removed = found.counts.get("rain or snow", 0)
+    assert removed == drops - (found.detection_cloud.xyz[:, 2] > -1.1).sum()
+    assert removed >= 0.8 * drops
+
+
 @pytest.mark.parametrize("outliers", [True, False])
 @pytest.mark.parametrize("ground", [True, False])
 def test_each_step_can_be_switched_off(outliers: bool, ground: bool) -> None:
