@@ -80,7 +80,8 @@ MIN_STEP = 0.1
 """Minimum length of a step from which the error per metre is estimated."""
 
 MEMORY_FRAMES = 20
-"""Number of frames from which the error of recorded steps is estimated."""
+"""Number of frames from which the error of recorded steps is estimated; missing ones count, too: an error is not the
+same for long."""
 
 CHECK_NS = 1_000_000_000
 """Time after which a rig is known to stand, and period in which that is checked again, nanoseconds."""
@@ -142,7 +143,7 @@ class FindOdometry:
             scan, is_found = self._registered(xyz, pose, is_near=self._step_ns > 0)
             pose = scan.T_fixed_site if scan is not None and is_found else pose
         else:
-            pose, scan, is_found = self._corrected(xyz, step)
+            pose, scan, is_found = self._corrected(xyz, step, stamp_ns)
         if self._state is _State.UNKNOWN and not self._has_moved(scan if is_found else None, stamp_ns):
             return None
         self._follow(pose, scan, stamp_ns, is_found=is_found, is_known=is_found or step is not None)
@@ -160,7 +161,7 @@ class FindOdometry:
         known = before, self._step[:3, 3] / (self._step_ns * 1e-9)
         return all(np.linalg.norm(self._recorded_m_s - one) > MAX_ACCELERATION_M_S2 * seconds for one in known)
 
-    def _corrected(self, xyz: Any, step: F64) -> tuple[F64, _Scan | None, bool]:
+    def _corrected(self, xyz: Any, step: F64, stamp_ns: int) -> tuple[F64, _Scan | None, bool]:
         """The filtered pose after a recorded step, and the result of `_registered` for it."""
         step_m = float(np.linalg.norm(step[:3, 3]))
         pose = self._pose @ step @ _motion(self._error * step_m)
@@ -171,7 +172,8 @@ class FindOdometry:
         max_error_m = MAX_STEP_ERROR * self._unit_m + MAX_STEP_ERROR_SHARE * self._displacement_m(step)
         if not is_found or self._displacement_m(error) > max_error_m:
             return pose, scan._replace(T_fixed_site=pose), False
-        self._steps = min(self._steps + 1, MEMORY_FRAMES)
+        missed = max(round((stamp_ns - self._stamp_ns) / self._step_ns) - 1, 0) if self._step_ns else 0
+        self._steps = max(min(self._steps + 1, MEMORY_FRAMES) - missed, 2)
         k, twist = self._steps, _twist(error)
         if step_m > MIN_STEP * self._unit_m:
             self._error = self._error + twist * (6 / (k * (k + 1) * step_m))

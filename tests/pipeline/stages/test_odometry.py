@@ -152,6 +152,15 @@ def test_recorded_motion_is_corrected(course: Callable[[int], F64], off_deg: flo
     assert (errors_m(moved, truth) < most_m).all()
 
 
+def test_after_a_gap_the_clouds_count_more_than_what_was_recorded_in_it() -> None:
+    truth = {i: straight(i) for i in (*range(20), *range(40, 44))}
+    find = FindOdometry()
+    for i, T in truth.items():
+        pose = find(combined(seen(T, seed=i)), START_NS + i * PERIOD_NS, T @ at(0.8 * (i >= 40)))
+    assert pose is not None
+    np.testing.assert_allclose(pose.T_fixed_site[:2, 3], truth[43][:2, 3], atol=0.05)
+
+
 @pytest.mark.parametrize("clouds", ["of others that move", "bare ground", "empty"])
 def test_recorded_motion_that_the_clouds_do_not_show_is_taken(clouds: str) -> None:
     recorded = [at(5.0 + 0.2 * i, 3.0) for i in range(10)]
