@@ -18,12 +18,15 @@ from lidcam.pipeline.fusion.belief.odds import probability
 from lidcam.pipeline.tracking.estimates import Estimates, History, estimated, renumbered
 from lidcam.pipeline.tracking.joining import joined_in_place, joined_over_gaps
 from lidcam.pipeline.tracking.motion import HEADING, SPEED, Priors
-from lidcam.pipeline.tracking.online import OnlineTracker
+from lidcam.pipeline.tracking.online import MAX_UNSEEN_S, OnlineTracker
 from lidcam.pipeline.tracking.sightings import MIN_MEASUREMENTS, NOT_SEEN, FrameSightings, Scene, TrackRows
 from lidcam.pipeline.tracking.undersides import climb_variances, smoothed_undersides, underside_variances
 
 EXTRA_OVERLAP_S = 2.0
 """Extra window overlap beyond `max_gap_s`, seconds."""
+
+MAX_USUAL_STEPS = 3.0
+"""Maximum time between frames over which they are associated, in medians, if that is longer than `MAX_UNSEEN_S`."""
 
 MISS_LOG_ODDS = -2.0
 """Log odds of a frame that does not show a track, shortly before or after a sighting."""
@@ -100,8 +103,10 @@ class OfflineTracker:
         return estimated(scene, labels, self._priors, history), history
 
     def _associated(self, scene: Scene) -> I64:
-        """(N,) track of each sighting, frame by frame; -1 for none."""
-        tracker = OnlineTracker(self._priors, min_existence=0.0, max_gap_s=self._max_gap_s)
+        """(N,) track of each sighting, frame by frame; -1 for none. Over missing frames, tracks are joined later."""
+        usual_s = float(np.median(np.diff(scene.stamps_s))) if len(self._frames) > 1 else 0.0
+        max_gap_s = min(max(MAX_UNSEEN_S, MAX_USUAL_STEPS * usual_s), self._max_gap_s)
+        tracker = OnlineTracker(self._priors, min_existence=0.0, max_gap_s=max_gap_s)
         ids: list[I64] = []
         begins = scene.sightings.are_reported.copy()
         # What belongs to a track begins it in this window, too, which may show nothing surer of it.

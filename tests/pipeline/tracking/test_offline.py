@@ -117,6 +117,17 @@ def test_a_longer_gap_begins_another_track() -> None:
     assert (ids(rows)[0], ids(rows)[30], ids(rows)[-1]) == ([1], [], [2])
 
 
+def test_a_row_of_cars_keeps_its_numbers_over_a_gap_in_the_recording_in_which_it_stops() -> None:
+    def stopping(at_x: float) -> Mover:
+        return Mover(lambda t: (at_x + 5.0 * min(t - 0.8, 0.0), 0.0, 0.0))
+
+    cars = [stopping(x) for x in (0.0, 7.5, 15.0, 22.5)]
+    frames = scene(cars, 43)
+    rows = tracked(frames[:8] + frames[28:])
+    assert ids(rows) == [[1, 2, 3, 4]] * 23
+    np.testing.assert_allclose(rows[-1].states[:, 0], [0.0, 7.5, 15.0, 22.5], atol=0.2)
+
+
 def test_two_classes_in_one_place_are_one_object() -> None:
     big = straight(0, 0, 0, 0.5)
     flickering = [
