@@ -21,6 +21,7 @@ from lidcam.pipeline.calibration.overlap import BoxFrame
 from lidcam.pipeline.calibration.pairs import TrackedPairs, tracked_pairs
 from lidcam.pipeline.core.arrays import F64, Bools, join_rows
 from lidcam.pipeline.core.frame import FrameResult, Missing
+from lidcam.pipeline.core.geometry.boxes import pair_overlaps_xyxy
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.run.warning import RunWarning
@@ -32,6 +33,9 @@ MAX_PAIR_FRAMES = 400
 
 MAX_BOX_FRAMES = 32
 """Maximum number of frames whose boxes are kept per camera to compare poses, spread over the run."""
+
+MIN_LASTING_IOU = 0.2
+"""Minimum IoU of a 2D box with one of the image before that shows that it is no passing false one."""
 
 MIN_SIGMAS = 4.0
 """Minimum size of a reported error, in its standard deviations."""
@@ -160,6 +164,8 @@ class RigCheck:
         self._rig, self._config, self._compared, self._remedy = rig, config, compared, remedy
         self._pairs = {camera.name: EvenSample[TrackedPairs](MAX_PAIR_FRAMES) for camera in rig.cameras}
         self._boxes = {camera.name: EvenSample[BoxFrame](MAX_BOX_FRAMES) for camera in rig.cameras}
+        self._last = {camera.name: np.zeros((0, 4), np.float32) for camera in rig.cameras}
+        self._counts = {camera.name: np.zeros(2) for camera in rig.cameras}  # Boxes that last, and all
 
     def add_frame(self, frame: FrameResult) -> None:
         """Add the evidence of one frame; one that lacks a lidar which is not silent counts against no camera."""
@@ -171,7 +177,12 @@ class RigCheck:
             self._pairs[name].add(pairs)
         for name, sample in self._boxes.items():
             found = frame.detections.cameras.get(name)
-            if found and len(frame.detections.lidar):
+            if found is None or (len(found) and np.array_equal(found.xyxy, self._last[name])):
+                continue  # The boxes of a repeated image say nothing new
+            lasts = (pair_overlaps_xyxy(found.xyxy[:, None], self._last[name])[0] >= MIN_LASTING_IOU).any(1)
+            self._counts[name] += lasts.sum(), len(found)
+            self._last[name] = found.xyxy
+            if len(found) and len(frame.detections.lidar):
                 sample.add(BoxFrame(frame.detections.lidar, found.xyxy))
 
     @cached_property
@@ -183,7 +194,9 @@ class RigCheck:
         """The verdict on a camera; what is significant is fitted again alone, as an error has one cause."""
         frames, none = [*self._pairs[camera.name]], np.zeros(7, np.bool_)
         others = [other for other in self._rig.cameras if other is not camera]
-        coarse = coarse_pose_warning(camera, others, [*self._boxes[camera.name]], self._rig.lidar_xyz)
+        lasting, count = self._counts[camera.name]
+        share = lasting / max(count, 1)
+        coarse = coarse_pose_warning(camera, others, [*self._boxes[camera.name]], share, self._rig.lidar_xyz)
         if not frames:
             return CameraVerdict(camera, 0, 0, None, none, coarse)
         pairs = join_rows(*frames)
