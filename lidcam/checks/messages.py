@@ -179,7 +179,7 @@ class CameraCheck:
             self._images[name] += 1
             self._same[name] += self._last[name] == last
             boxes, index = frame.detections.cameras.get(name), frame.bundle.index
-            if boxes is None:
+            if boxes is None or not camera.fit.is_used:
                 continue
             shown = _shown_rows(frame, name)
             self._objects[name] += len(shown)

@@ -58,6 +58,7 @@ def build_graph(
     recorded3d, lidar = add_boxes3d(graph, config, rig, combined, known, given.in_cloud, on_bad=on_bad)
     boxes2d, riders, unknown_ids = add_boxes2d(graph, config, rig, combined, known, given.in_images, on_bad=on_bad)
     views = graph.add_stage("views", Views(rig, config.combine.motion), graph.frame)
+    found2d, boxes2d = boxes2d, graph.add_stage("used 2D boxes", partial(_used, rig), boxes2d, timed=False)
     place = Place(rig, config.fuse, config.classes, ground_distance_m=config.combine.ground.distance_m)
     placed = graph.add_stage("place", place, combined, boxes2d, views)
     # Hypotheses.
@@ -88,8 +89,8 @@ def build_graph(
     beliefs = graph.add_stage("believe", believe, hypotheses, visibility, graph.frame, ordered=True)
     fused = graph.add_stage("fuse", Fuse(config.fuse, class_count=len(config.classes)), hypotheses, beliefs)
     fused = graph.add_stage("zones", partial(select_by_zones, zones=rig.zones), fused)
-    detections = graph.add_stage("detections", _detections, lidar, boxes2d, placed, timed=False)
-    unused = graph.add_stage("unused", _unused, clouds, recorded3d, boxes2d, timed=False)
+    detections = graph.add_stage("detections", _detections, lidar, found2d, placed, timed=False)
+    unused = graph.add_stage("unused", _unused, clouds, recorded3d, found2d, timed=False)
     inputs = combined, detections, views, hypotheses, beliefs, fused, unused
     result = graph.add_stage("collect", _collect, graph.frame, *inputs, timed=False)
     if config.track.mode != "none" and config.track.odometry == "auto" and rig.lidars:
@@ -109,6 +110,12 @@ def decided(config: Config, rig: Rig) -> Config:
         is_learned = config.detect3d.weights or (box_source(config, rig) == "none" and knows(config.classes))
         changed["score"] = "learned" if is_learned else "geometric"
     return config.model_copy(update={"detect3d": config.detect3d.model_copy(update=changed)})
+
+
+def _used(rig: Rig, boxes2d: Decoded[Boxes2D]) -> Decoded[Boxes2D]:
+    """The 2D boxes of the cameras that are used."""
+    used = {camera.name for camera in rig.cameras if camera.fit.is_used}
+    return Decoded({name: boxes for name, boxes in boxes2d.items() if name in used})
 
 
 def _hypotheses(

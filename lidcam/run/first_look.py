@@ -17,13 +17,17 @@ import numpy as np
 
 from lidcam.pipeline.calibration.camera_error import camera_error
 from lidcam.pipeline.calibration.lidar_poses import compared_lidars
-from lidcam.pipeline.calibration.overlap import BoxFrame, camera_that_fits, lens_that_fits
+from lidcam.pipeline.calibration.overlap import BoxFrame, camera_that_fits, lens_that_fits, used_if_it_fits
 from lidcam.pipeline.calibration.pairs import TrackedPairs, tracked_pairs
 from lidcam.pipeline.core.arrays import F64, join_rows
+from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.frame import FrameResult, SensorBundle
+from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.geometry.rotations import rotation_vectors
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from lidcam.pipeline.fusion.belief.memory import MIN_VISIBLE_SHARE
+from lidcam.pipeline.fusion.belief.visibility import hidden_by_points
 from lidcam.pipeline.parallel.process import copied_workers
 from lidcam.pipeline.stages.combine import Combine
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
@@ -94,6 +98,8 @@ def _compared_clouds(source: RunInput) -> Iterator[list[F64]]:
 def corrected_by_recording(source: RunInput, known: KnownBoxes, workers: int) -> RunInput:
     """The source with cameras corrected by the recording; a camera that shows too little stays as recorded.
 
+    One that fits nowhere is not used.
+
     Where its CameraInfo does not tell whether images are rectified, K and P are compared first.
     `known` gets the boxes of the frames that are looked at.
 
@@ -104,14 +110,14 @@ def corrected_by_recording(source: RunInput, known: KnownBoxes, workers: int) ->
     if config.fuse.calibration == "recorded" or box_source(config, rig) == "none" or not rig.lidars:
         return source
     found, seen = defaultdict[str, list[TrackedPairs]](list), defaultdict[str, list[BoxFrame]](list)
+    plain = defaultdict[str, list[BoxFrame]](list)
     for frame in _looked_at(source, known, workers):
         for name, pairs in tracked_pairs(frame):
             found[name].append(pairs)
         for name, boxes in frame.detections.cameras.items() if len(frame.detections.lidar) else ():
-            seen[name].append(BoxFrame(frame.detections.lidar, boxes.xyxy))
-    fitting = tuple(
-        camera_that_fits(lens_that_fits(camera, seen[camera.name]), seen[camera.name]) for camera in rig.cameras
-    )
+            seen[name].append(BoxFrame(frame.detections.lidar, boxes.xyxy, boxes.class_ids))
+            plain[name].append(seen[name][-1]._replace(objects=_unhidden(frame, name)))
+    fitting = tuple(_fitting(camera, seen[camera.name], plain[camera.name]) for camera in rig.cameras)
     if fitting != rig.cameras:  # other pairs match: look again
         return corrected_by_recording(replace(source, rig=replace(rig, cameras=fitting)), known, workers)
     cameras = tuple(_corrected(camera, found[camera.name], source) for camera in rig.cameras)
@@ -139,9 +145,22 @@ def _moved_text(recorded: LidarSensor, used: LidarSensor) -> str:
     return f"{used.name} by {figures}" if figures != "0.00 m and 0.00 degrees" else ""
 
 
+def _unhidden(frame: FrameResult, name: str) -> Boxes3D:
+    """The objects of the lidars that no point hides from a camera."""
+    boxes = frame.detections.lidar
+    corners, rows = box_corners(boxes.centers, boxes.sizes, boxes.yaws), np.arange(len(boxes))
+    hidden = hidden_by_points([frame.views[name]], frame.combined.detection_cloud.xyz, corners, 0 * rows, rows)
+    return boxes.select(hidden <= 1 - MIN_VISIBLE_SHARE)
+
+
+def _fitting(camera: CameraSensor, frames: list[BoxFrame], plain: list[BoxFrame]) -> CameraSensor:
+    return used_if_it_fits(camera_that_fits(lens_that_fits(camera, frames), frames), frames, plain)
+
+
 def _corrected(camera: CameraSensor, found: list[TrackedPairs], source: RunInput) -> CameraSensor:
-    lidar_xyz = source.rig.lidar_xyz
-    error = camera_error(join_rows(*found), camera, lidar_xyz, source.config.fuse, FREE) if found else None
+    if not found or not camera.fit.is_used:
+        return camera
+    error = camera_error(join_rows(*found), camera, source.rig.lidar_xyz, source.config.fuse, FREE)
     return camera if error is None else error.applied_to(camera)
 
 

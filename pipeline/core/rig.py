@@ -67,6 +67,8 @@ class CameraFit:
     # the root of their area; None: the settings
     noise: tuple[tuple[float, float], tuple[float, float]] | None = None
     zoom: float = 1.0  # Factor on the recorded focal lengths
+    # Whether its 2D boxes are used: not where neither they nor the lidars' objects in its view have a partner
+    is_used: bool = True
 
     @property
     def is_changed(self) -> bool:

@@ -22,9 +22,13 @@ class CalibrationCheck:
 
     @property
     def warnings(self) -> tuple[RunWarning, ...]:
-        """One for each sensor at most; cameras only where the lidars are right: misplaced objects match no camera."""
+        """One for each sensor at most; cameras only where the lidars are right: misplaced objects match no camera.
+
+        Those that are not used are always named.
+        """
         if of_lidars := self._first_clouds.lidar_warnings:
-            return of_lidars
+            unused = (one.warning for one in self._rig_check.cameras if not one.camera.fit.is_used)
+            return (*of_lidars, *filter(None, unused))
         found: dict[str, RunWarning] = {}
         for warning in (*self._rig_check.warnings, *self._first_clouds.camera_warnings):
             found.setdefault(warning.subject, warning)

@@ -57,6 +57,10 @@ FEW_PAIRS_FACTOR = 3.0
 
 REMEDY = "check it with `lidcam inspect --check`, or recalibrate it"
 
+FITS_NOWHERE = "its 2D boxes and the objects of the lidars in its view lie apart"
+UNUSED = "this run does not use its boxes (--set fuse.calibration=recorded: used all the same)"
+"""Finding, if the pairs of boxes show no better one, and consequence for a camera that fits nowhere."""
+
 BODY_FRAMES = frozenset({"base_link", "base_footprint", "map", "odom"})
 """Frames to which drivers bring the clouds of several lidars (REP 105)."""
 
@@ -96,6 +100,9 @@ class CameraVerdict(NamedTuple):
     @property
     def warning(self) -> RunWarning | None:
         """The warning of a camera that has an error."""
+        if not self.camera.fit.is_used:
+            finding, remedy = (self.coarse.finding, self.coarse.remedy) if self.coarse else (FITS_NOWHERE, self.remedy)
+            return RunWarning(self.camera.name, finding, f"{UNUSED}; {remedy}")
         if self.camera.fit.zoom != 1:
             focal_px = self.camera.model.K[0, 0]
             finding = (
@@ -183,7 +190,7 @@ class RigCheck:
             self._counts[name] += lasts.sum(), len(found)
             self._last[name] = found.xyxy
             if len(found) and len(frame.detections.lidar):
-                sample.add(BoxFrame(frame.detections.lidar, found.xyxy))
+                sample.add(BoxFrame(frame.detections.lidar, found.xyxy, found.class_ids))
 
     @cached_property
     def cameras(self) -> tuple[CameraVerdict, ...]:

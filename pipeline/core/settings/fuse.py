@@ -15,8 +15,8 @@ class FuseConfig(SettingsModel):
             `unknown`: cargo on the road, animals, but also bushes, poles and walls up to the size of a bus. Its score
             grows with its points. `/lidar_camera_fused` and `lidcam evaluate` leave such objects out.
         calibration: `auto` moves lidars until they see the same surfaces, and corrects direction and clock of each
-            camera by boxes of lidars and 2D boxes, in frames spread over the recording; `recorded` takes all as it was
-            recorded.
+            camera by boxes of lidars and 2D boxes, in frames spread over the recording, or does not use a camera where
+            these lie apart; `recorded` takes all as it was recorded.
         refine: Fit the boxes to the 2D boxes that are matched with them. Off, they stay as the lidars gave them.
         pixel_sigma_px: Standard deviation of the edges of 2D boxes that match, pixels; a recording that is long enough
             tells how much larger it is, else left and right edges get twice as much. The smaller it is, the more the

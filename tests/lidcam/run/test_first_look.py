@@ -13,11 +13,12 @@ from wrong_cameras import CAMERA, cuboids, passing, without_tracks
 import lidcam
 from lidcam.checks.calibration.rig_check import RigCheck
 from lidcam.pipeline.calibration.lidar_poses import moved_lidar
+from lidcam.pipeline.calibration.overlap import turned_pose
 from lidcam.pipeline.core.frame import Decoded, FrameResult
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.geometry.transform_tree import TransformTree
 from lidcam.pipeline.core.optics.images import Image
-from lidcam.pipeline.core.rig import LidarSensor, Rig
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.stages.detect3d import Detect3D
 from lidcam.readers.messages.tf import RecordedTransforms
@@ -107,6 +108,36 @@ def test_boxes_show_whether_images_are_rectified(crossing: RunInput, shown: str,
 def test_a_camera_that_shows_too_little_stays_as_recorded(crossing: RunInput, frames: list[FrameResult]) -> None:
     [camera] = corrected(crossing, frames).cameras
     assert camera is CAMERA
+
+
+def sure(result: FrameResult) -> FrameResult:
+    boxes = result.detections.lidar
+    lidar = replace(boxes, scores=np.full(len(boxes), 0.9, np.float32))
+    return replace(result, detections=replace(result.detections, lidar=lidar))
+
+
+@pytest.mark.parametrize(("pitch_deg", "is_used"), [(15, False), (0, True)])
+def test_a_camera_that_fits_nowhere_stays_as_recorded_and_is_not_used(
+    crossing: RunInput, pitch_deg: int, *, is_used: bool
+) -> None:
+    camera = replace(CAMERA, T_camera_site=replace(CAMERA.T_camera_site, matrix=turned_pose(CAMERA, 0, pitch_deg)))
+    frames = [sure(replace(one, views={"cam": camera})) for one in passing()]
+    [used] = corrected(replace(crossing, rig=replace(RIG, cameras=(camera,))), frames).cameras
+    assert used.fit.is_used == is_used
+    assert (used.T_camera_site is camera.T_camera_site) == (not is_used)
+
+
+def test_cameras_that_are_not_used_neither_vote_nor_propose() -> None:
+    def unused(camera: CameraSensor, *_: object) -> CameraSensor:
+        return replace(camera, fit=replace(camera.fit, is_used=False)) if camera.fit.is_used else camera
+
+    with patch("lidcam.run.first_look.used_if_it_fits", side_effect=unused):
+        summary = lidcam.process(CROSSING, settings={"output.images": False, "run.workers": 1}, duration_s=0.7).summary
+    found = summary.frames
+    assert (found.confirmed, found.sources["camera"], found.sources["both"]) == (0, 0, 0)
+    assert found.sources["lidar"] > 0
+    told = {one.subject for one in summary.warnings if "this run does not use its boxes" in one.remedy}
+    assert told == {camera.name for camera in summary.sensors.rig.cameras}
 
 
 @pytest.mark.parametrize("setting", [{"fuse.calibration": "recorded"}, {"detect2d.method": "none"}])

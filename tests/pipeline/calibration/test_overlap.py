@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from detections import boxes3d, forward_camera
 
-from lidcam.pipeline.calibration.overlap import BoxFrame, camera_that_fits, turned_pose
+from lidcam.pipeline.calibration.overlap import BoxFrame, camera_that_fits, turned_pose, used_if_it_fits
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.rig import CameraFit, CameraSensor
@@ -23,12 +23,13 @@ def cars(number: int, count: int = 8) -> F64:
     return np.asarray(np.c_[place[:, :3], np.tile(CAR, (count, 1)), place[:, 3]])
 
 
-def seen(rows: F64, *, beyond: int = 0) -> BoxFrame:
+def seen(rows: F64, *, beyond: int = 0, class_id: int = 0) -> BoxFrame:
     """The cars and their 2D boxes, of which the lidars miss those `beyond`."""
-    found = boxes3d(rows)
+    found = boxes3d(rows, scores=np.full(len(rows), 0.8))
     corners = box_corners(found.centers, found.sizes, found.yaws)
     xyxy = CAMERA.model.project_boxes(np.asarray(CAMERA.T_camera_site.apply(corners), np.float64))
-    return BoxFrame(found.select(np.arange(len(rows)) >= beyond), xyxy[np.isfinite(xyxy).all(1)].astype(np.float32))
+    xyxy = xyxy[np.isfinite(xyxy).all(1)]
+    return BoxFrame(found.select(np.arange(len(rows)) >= beyond), xyxy, np.full(len(xyxy), class_id, np.int32))
 
 
 def turned(yaw_deg: float, pitch_deg: float) -> CameraSensor:
@@ -94,3 +95,32 @@ STILL = [seen(cars(0, 3))] * 10
 )
 def test_others_stay(camera: CameraSensor, frames: Sequence[BoxFrame]) -> None:
     assert camera_that_fits(camera, frames) is camera
+
+
+AWAY = turned(0, 12)
+UNSURE = [one._replace(objects=replace(one.objects, scores=np.full(8, 0.5, np.float32))) for one in FRAMES]
+
+
+@pytest.mark.parametrize(
+    ("camera", "frames", "is_used"),
+    [
+        pytest.param(AWAY, FRAMES, False, id="fits nowhere"),
+        pytest.param(CAMERA, FRAMES, True, id="sound"),
+        pytest.param(CAMERA, SPARSE, True, id="most cars beyond the lidars"),
+        pytest.param(AWAY, UNSURE, True, id="nothing sure"),
+        pytest.param(AWAY, [seen(cars(number), class_id=1) for number in range(10)], True, id="finds no cars"),
+        pytest.param(
+            AWAY, [seen(cars(number), beyond=8) for number in range(10)], True, id="looks where no lidar does"
+        ),
+        pytest.param(AWAY, FRAMES[:4], True, id="few frames"),
+        pytest.param(AWAY, STILL, True, id="three parked cars"),
+    ],
+)
+def test_a_camera_that_fits_nowhere_is_not_used(
+    camera: CameraSensor, frames: Sequence[BoxFrame], *, is_used: bool
+) -> None:
+    camera = used_if_it_fits(camera, frames, frames)
+    assert camera.fit.is_used == is_used
+    assert used_if_it_fits(camera, frames, frames) is camera
+    hidden = [one._replace(objects=one.objects.select(np.zeros(0, np.intp))) for one in frames]
+    assert used_if_it_fits(AWAY, frames, hidden) is AWAY

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 from builders import pointcloud2, raw
+from detections import forward_camera
 from frames import frame
 from helpers import CLUSTERS
 
@@ -13,7 +14,7 @@ import lidcam
 from lidcam.checks.calibration.check import CalibrationCheck
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.rig import LidarSensor, Rig
+from lidcam.pipeline.core.rig import CameraFit, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -53,17 +54,18 @@ def ground_message(sensor: LidarSensor, *, stamp_ns: int) -> RawMessage:
 
 
 def test_a_lidar_that_begins_late_is_looked_at_too() -> None:
-    """It is in the last two of five frames."""
+    """It is in the last two of five frames. Cameras are told only where they are not used."""
     places = {"a": (0.0, 0.0, 1.8), "b": (0.0, 3.0, 2.4), "late": (0.0, -3.0, 1.2)}
     *others, late = (
         LidarSensor(name, f"/{name}", Transform.from_quaternion("site", name, place, (0, 0, 0, 1)))
         for name, place in places.items()
     )
     inverted = replace(late, T_site_lidar=Transform("site", late.name, late.T_site_lidar.inverse().matrix))
-    check = CalibrationCheck(Rig("site", (*others, inverted), (), ()), Config())
+    unused = replace(forward_camera("unused"), fit=CameraFit(is_used=False))
+    check = CalibrationCheck(Rig("site", (*others, inverted), (forward_camera("sound"), unused), ()), Config())
     for index in range(5):
         lidars = [*others, late] if index >= 3 else others
         messages = {lidar.topic: ground_message(lidar, stamp_ns=10**9 + index) for lidar in lidars}
         whole = frame(index)
         check.add_frame(replace(whole, bundle=replace(whole.bundle, messages=messages)))
-    assert [warning.subject for warning in check.warnings] == ["late"]
+    assert [warning.subject for warning in check.warnings] == ["late", "unused"]

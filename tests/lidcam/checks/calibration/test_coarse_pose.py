@@ -10,7 +10,7 @@ from frames import RIG, frame
 from scipy.spatial.transform import Rotation
 from seen_boxes import seen_by
 
-from lidcam.checks.calibration.rig_check import RigCheck
+from lidcam.checks.calibration.rig_check import FITS_NOWHERE, REMEDY, UNUSED, RigCheck
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.detections import Detections
 from lidcam.pipeline.core.frame import FrameResult
@@ -130,6 +130,15 @@ def test_a_camera_that_fits_with_no_pose_is_named(frames: Sequence[FrameResult],
     away = posed(TRUE, turned(TRUE, "x", 90).T_camera_site.matrix)
     ending = "by 0% on average; check its intrinsics and extrinsics; or does it look where no lidar does?"
     assert [line.endswith(ending) for line in warned(rig(away), frames)] == [True] * is_named
+
+
+def test_a_camera_that_is_not_used_is_named() -> None:
+    unused = posed(TRUE, turned(TRUE, "x", 90).T_camera_site.matrix)
+    unused = replace(unused, fit=replace(unused.fit, is_used=False))
+    [line] = warned(rig(unused), lasting(0.1))
+    remedy = "check its intrinsics and extrinsics; or does it look where no lidar does?"
+    assert line.endswith(f"by 0% on average; {UNUSED}; {remedy}")
+    assert warned(rig(unused), []) == [f"front: {FITS_NOWHERE}; {UNUSED}; {REMEDY}"]
 
 
 def test_boxes_of_a_larger_image_are_named() -> None:
