@@ -49,6 +49,11 @@ MIN_HALF_SIGMAS = 3.0
 PLACE = slice(3, 6)
 """Values of a camera's place: they look much like habits of its detector."""
 
+CLOCK_FIRST = (
+    "this run uses that; check its clock first: on a moving rig, images of another time look like another lens"
+)
+"""Remedy if both focal length and clock seem wrong."""
+
 MANY_PAIRS = 60
 """Minimum number of pairs for these limits; below, habits of the 2D boxes look like errors."""
 
@@ -108,19 +113,30 @@ class CameraVerdict(NamedTuple):
             finding = (
                 f"its 2D boxes fit a focal length of {focal_px:.0f} px, not {focal_px / self.camera.fit.zoom:.0f} px"
             )
+            if self.significant[-1]:
+                return RunWarning(self.camera.name, f"{finding}, and it {self._error_words[-1]}", CLOCK_FIRST)
             return RunWarning(self.camera.name, finding, "this run uses that; recalibrate it")
         if self.error is None or not self.significant.any():
             return self.coarse
+        finding = (
+            f"judging by {self.error.pairs} boxes of {self.error.tracks} objects, it {', and '.join(self._error_words)}"
+        )
+        is_turned = any(self.camera.fit.corrected)
+        remedy = f"this run corrects direction and clock; {self.remedy}" if is_turned else self.remedy
+        return RunWarning(self.camera.name, finding, remedy)
+
+    @property
+    def _error_words(self) -> list[str]:
+        """The significant errors in words, in order."""
+        if self.error is None:
+            return []
         values, sigmas = self.error.values * SCALES, self.error.sigmas * SCALES
         parts = []
         for row in np.flatnonzero(self.significant):
             verb, unit, positive, negative = _DIRECTIONS[row]
             side = positive if values[row] > 0 else negative
             parts.append(f"{verb} {_figure(values[row], sigmas[row], unit)} {side}")
-        finding = f"judging by {self.error.pairs} boxes of {self.error.tracks} objects, it {', and '.join(parts)}"
-        is_turned = any(self.camera.fit.corrected)
-        remedy = f"this run corrects direction and clock; {self.remedy}" if is_turned else self.remedy
-        return RunWarning(self.camera.name, finding, remedy)
+        return parts
 
     @property
     def is_corrected(self) -> bool:

@@ -116,11 +116,17 @@ def test_lidars_that_stay_are_no_corrections(moved: tuple[int, ...]) -> None:
     assert check.correction_count == len(moved)
 
 
-def test_a_lens_that_a_run_changed_is_named() -> None:
+@pytest.mark.parametrize("late_s", [0.0, 0.09])
+def test_a_lens_that_a_run_changed_is_named_and_a_clock_that_may_look_like_it(late_s: float) -> None:
     changed = replace(CAMERA, model=CAMERA.model.zoomed(1.2), fit=CameraFit(zoom=1.2))
-    [warning] = RigCheck(replace(RIG, cameras=(changed,)), CONFIG).warnings
+    check = RigCheck(replace(RIG, cameras=(changed,)), CONFIG)
+    for frame in passing((0, 0, 0, 0, 0, 0, late_s), noise=0.3, camera=changed):
+        check.add_frame(frame)
+    [warning] = check.warnings
     focal_px = CAMERA.model.K[0, 0]
     assert f"fit a focal length of {1.2 * focal_px:.0f} px, not {focal_px:.0f} px" in warning.finding
+    assert (" ms later than their stamps say" in warning.finding) == (late_s > 0)
+    assert ("check its clock first" in warning.remedy) == (late_s > 0)
     assert camera_corrections(replace(RIG, cameras=(changed,)))["cam"].zoom == 1.2
 
 
