@@ -22,7 +22,7 @@ TRIES = (16, 1500), (8, 3000)
 """Number of points that define a plane, and maximum number of points of the judged lidar compared per frame, evenly
 thinned; the second where lidars of few beams have too little in common by the first."""
 
-MIN_MATCHES = 200
+MIN_MATCHES = 100
 """Minimum number of points on common planes before two lidars are judged."""
 
 MAX_NEIGHBOUR_DISTANCE = 0.05
@@ -33,6 +33,10 @@ MAX_FLATNESS = 0.02
 
 MIN_BREADTH = 0.01
 """Minimum ratio of a plane's middle variance to its largest: the points of one ring lie on a line."""
+
+MIN_INCIDENCE = 0.05
+"""Minimum sine of the angle between a plane and the beams that measure it. Range noise spreads the points of one ring
+along their beams: they look like a plane that holds the beams, whatever surface they are on."""
 
 NORMAL_TILT = 2.0
 """Variance of the tilt of a normal, in units of that from independent point errors, which they are not quite."""
@@ -88,19 +92,22 @@ class LidarError:
         return self.significant & (np.abs(self.values) > MIN_ERROR)
 
 
-def lidar_error(frames: Sequence[tuple[F64, F64]], origin_site: F64) -> LidarError | None:
+def lidar_error(frames: Sequence[tuple[F64, F64]], reference_site: F64, origin_site: F64) -> LidarError | None:
     """The error of a lidar against another; None if they have too little in common.
 
     Args:
         frames: Points (N, 3) of the reference lidar and (M, 3) of the lidar for each frame, metres in the site frame,
             without moving objects.
+        reference_site: (3,) the reference lidar in the site frame, metres.
         origin_site: (3,) the lidar in the site frame, metres.
     """
-    found = (_error(frames, origin_site, *one) for one in TRIES)
+    found = (_error(frames, reference_site, origin_site, *one) for one in TRIES)
     return next((error for error in found if error is not None), None)
 
 
-def _error(frames: Sequence[tuple[F64, F64]], origin_site: F64, neighbours: int, max_points: int) -> LidarError | None:
+def _error(
+    frames: Sequence[tuple[F64, F64]], reference_site: F64, origin_site: F64, neighbours: int, max_points: int
+) -> LidarError | None:
     from small_gicp import KdTree  # behind the imports of programs that do without
 
     parts = []
@@ -111,7 +118,7 @@ def _error(frames: Sequence[tuple[F64, F64]], origin_site: F64, neighbours: int,
             parts.append((KdTree(some), some, chosen, np.sqrt(((chosen - origin_site) ** 2).sum(1))))
     values, prior = np.zeros(6), 1 / np.array([ROTATION_SIGMA_RAD] * 3 + [TRANSLATION_SIGMA_M] * 3) ** 2
     for _ in range(STEPS):
-        found = [_against(*part, values, origin_site, neighbours) for part in parts]
+        found = [_against(*part, values, reference_site, origin_site, neighbours) for part in parts]
         if sum(len(residuals) for residuals, *_ in found) < MIN_MATCHES:
             return None
         residuals, slopes, tilted, cells = (np.concatenate(columns) for columns in zip(*found, strict=True))
@@ -134,7 +141,14 @@ def _plane_information(found: F64, tilted: F64, weights: F64) -> F64:
 
 
 def _against(
-    tree: object, reference: F64, points: F64, ranges_m: F64, values: F64, origin: F64, neighbours: int
+    tree: object,
+    reference: F64,
+    points: F64,
+    ranges_m: F64,
+    values: F64,
+    reference_site: F64,
+    origin: F64,
+    neighbours: int,
 ) -> tuple[F64, F64, F64, I64]:
     """Points on planes: residuals (K,), derivatives (K, 6), derivatives by tilts (K, 2, 6), and cells (K, 3).
 
@@ -149,6 +163,8 @@ def _against(
     variances, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread) / neighbours)
     normals = axes[..., 0]
     is_plane = (variances[:, 0] < MAX_FLATNESS * variances[:, 1]) & (variances[:, 1] > MIN_BREADTH * variances[:, 2])
+    views = middle - reference_site
+    is_plane &= np.abs((normals * views).sum(1)) > MIN_INCIDENCE * np.sqrt((views**2).sum(1))
     used = is_plane & (np.sqrt(squares[:, neighbours // 2]) < MAX_NEIGHBOUR_DISTANCE * ranges_m)
     normals, arms, moved = normals[used], arms[used], moved[used]
     tilts = np.sqrt(NORMAL_TILT / neighbours * variances[used, :1] / variances[used, 1:])

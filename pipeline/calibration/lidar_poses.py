@@ -133,7 +133,8 @@ def moved_lidar(lidar: LidarSensor, values: F64) -> LidarSensor:
 
 def _compared(first: LidarSensor, second: LidarSensor, frames: Sequence[tuple[F64, F64]]) -> LidarPair:
     """Two lidars; without an error if that is not alike in all frames, as where one or the rig moves unnoticed."""
-    estimate = partial(lidar_error, origin_site=second.T_site_lidar.translation)
+    places = first.T_site_lidar.translation, second.T_site_lidar.translation
+    estimate = partial(lidar_error, reference_site=places[0], origin_site=places[1])
     error = estimate(frames)
     if error is not None and error.significant.any() and len(frames) > 1:
         for one in filter(None, (estimate([frame]) for frame in frames)):

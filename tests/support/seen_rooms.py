@@ -9,15 +9,17 @@ FIRST, SECOND = np.array([-2.0, 0, 1.8]), np.array([2.0, 1, 1.6])
 ROOM = np.array([[-10.0, -8, 0], [10, 8, 5]])
 
 
-def seen(origin: F64, seed: int, *, floor_only: bool = False) -> F64:
-    """(N, 3) points of a lidar of 32 beams on the inner sides of a room, with 1 cm of noise."""
+def seen(
+    origin: F64, seed: int, *, floor_only: bool = False, beams: int = 32, step_rad: float = 0.01, noise_m: float = 0.01
+) -> F64:
+    """(N, 3) points of a lidar on the inner sides of a room."""
     random = np.random.default_rng(seed)
-    azimuth, elevation = np.meshgrid(np.arange(0.001, 2 * np.pi, 0.01), np.radians(np.linspace(-25, 10.5, 32)))
+    azimuth, elevation = np.meshgrid(np.arange(0.001, 2 * np.pi, step_rad), np.radians(np.linspace(-25, 10.5, beams)))
     rays = np.stack([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)], -1)
     rays = rays.reshape(-1, 3)
     ranges = np.where(rays > 0, ROOM[1] - origin, ROOM[0] - origin) / rays
     nearest = ranges.argmin(1)
-    points = origin + rays * (ranges.min(1) + random.normal(0, 0.01, len(rays)))[:, None]
+    points = origin + rays * (ranges.min(1) + random.normal(0, noise_m, len(rays)))[:, None]
     return np.asarray(points[(nearest == 2) & (rays[:, 2] < 0)] if floor_only else points)
 
 
