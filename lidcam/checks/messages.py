@@ -134,6 +134,9 @@ MIN_IMAGES = 10
 MIN_SAME_SHARE = 0.9
 """Minimum share of images that are the same as the one before; the noise of a sensor makes every image another one."""
 
+MIN_SAME_ROW = 10
+"""Minimum number of images in a row that are the same as the one before, and at least `MIN_BLIND_SHARE` of them."""
+
 COMPARED_BYTES = 4096
 """Number of bytes of an image, evenly spread, that are compared."""
 
@@ -162,6 +165,8 @@ class CameraCheck:
         # By camera: images, those that repeat the one before, objects in its view, and those with a 2D box
         self._images: Counter[str] = Counter()
         self._same: Counter[str] = Counter()
+        # By camera: number of repeats in a row, now and at most, and the frame with the last of the most
+        self._repeats: dict[str, tuple[int, int, int]] = {}
         self._objects: Counter[str] = Counter()
         self._found: Counter[str] = Counter()
         # By camera: number of images in a row without a 2D box, objects in view in these, the first and the last frame
@@ -177,8 +182,11 @@ class CameraCheck:
             last, picture = self._last.get(name), np.frombuffer(message.data, np.uint8)[HEADER_BYTES:]
             self._last[name] = picture[:: len(picture) // COMPARED_BYTES + 1].tobytes()
             self._images[name] += 1
-            self._same[name] += self._last[name] == last
-            boxes, index = frame.detections.cameras.get(name), frame.bundle.index
+            boxes, index, is_same = frame.detections.cameras.get(name), frame.bundle.index, self._last[name] == last
+            self._same[name] += is_same
+            row, longest, end = self._repeats.get(name, (0, 0, 0))
+            row = row + 1 if is_same else 0
+            self._repeats[name] = (row, row, index) if row > longest else (row, longest, end)
             if boxes is None or not camera.fit.is_used:
                 continue
             shown = _shown_rows(frame, name)
@@ -193,12 +201,15 @@ class CameraCheck:
 
     @property
     def warnings(self) -> Iterator[RunWarning]:
-        """One for each camera whose images are nearly all the same, or that has no 2D box of many objects."""
+        """One for each camera whose images are the same for long, or that has no 2D box of many objects."""
         for camera in self._cameras:
             name, images = camera.name, self._images[camera.name]
             exclude = f"leave it out with --set topics.exclude=[{camera.topic}]"
-            if images >= MIN_IMAGES and self._same[name] >= MIN_SAME_SHARE * (images - 1):
-                finding = f"{self._same[name]} of {images} images are the same as the one before"
+            _, row, end = self._repeats.get(name, (0, 0, 0))
+            is_nearly_all = images >= MIN_IMAGES and self._same[name] >= MIN_SAME_SHARE * (images - 1)
+            if is_nearly_all or row >= max(MIN_SAME_ROW, MIN_BLIND_SHARE * images):
+                span = f"of {images} images are" if is_nearly_all else f"images in a row, to frame {end}, are"
+                finding = f"{self._same[name] if is_nearly_all else row} {span} the same as the one before"
                 yield RunWarning(name, finding, f"its driver may repeat an image, or it is covered; {exclude}")
                 continue
             blind, objects, first, last = self._longest.get(name, (0, 0, 0, 0))
