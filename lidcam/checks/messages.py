@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import I64
+from lidcam.pipeline.core.arrays import F64, I64, U8
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
@@ -29,11 +29,26 @@ MIN_EMPTY_SHARE = 0.1
 """Minimum share of empty messages of a lidar that is named."""
 
 
+MIN_REPEATED, MIN_REPEATED_SHARE = 3, 0.1
+"""Minimum number and share of a lidar's messages that repeat the points of the one before, where these must differ."""
+
+MIN_MOVED_M = 0.1
+"""Minimum way of the rig between two clouds that must differ, metres."""
+
+
 class LidarCheck:
-    """Counts each lidar's messages without points over a run."""
+    """Counts each lidar's messages without points over a run, and those with the points of the one before.
+
+    A simulator without noise sees a still scene the same again and again. The points must differ if the rig has moved,
+    and the scene is not still if they differed from those just before.
+    """
 
     def __init__(self, rig: Rig) -> None:
         self._lidars = {lidar.topic: lidar.name for lidar in rig.lidars}
+        self._site_frame = rig.site_frame
+        # By topic: the last message, where the rig was then, and whether it was a repeated one
+        self._last: dict[str, tuple[U8, F64, bool]] = {}
+        self._repeated: dict[str, list[int]] = {}  # frames
         self._messages: Counter[str] = Counter()
         self._bad: Counter[str] = Counter()
         # by lidar: number of messages without points, and the first and last frame of them
@@ -47,6 +62,7 @@ class LidarCheck:
             if name is None:
                 continue
             self._messages[name] += 1
+            self._compare(frame, topic)
             if topic in bad:
                 self._bad[name] += 1
             elif not frame.combined.points_by_lidar.get(name, 0):
@@ -54,9 +70,19 @@ class LidarCheck:
                 count, first, _ = self._empty.get(name, (0, index, index))
                 self._empty[name] = (count + 1, first, index)
 
+    def _compare(self, frame: FrameResult, topic: str) -> None:
+        data = np.frombuffer(frame.bundle.messages[topic].data, np.uint8)[HEADER_BYTES:]
+        pose = frame.bundle.pose_of(self._site_frame)
+        before, last_place, was_repeated = self._last.get(topic, (data[:0], np.zeros(3), False))
+        place = last_place if pose is None else pose[:3, 3]
+        is_repeated = len(data) > 0 and np.array_equal(data, before)
+        self._last[topic] = data, place, is_repeated
+        if is_repeated and (not was_repeated or np.linalg.norm(place - last_place) > MIN_MOVED_M):
+            self._repeated.setdefault(self._lidars[topic], []).append(frame.bundle.index)
+
     @property
     def warnings(self) -> Iterator[RunWarning]:
-        """One for each lidar whose messages cannot be decoded, or of which many, or all, have no point within range."""
+        """One for each lidar whose messages cannot be decoded, have no point within range, or repeat the one before."""
         remedy = "the lidar may be covered, or its motor may stand still; else see combine.min_range_m and max_range_m"
         without = "messages without a single point in range"
         for name in (name for name in self._lidars.values() if self._messages[name]):
@@ -67,6 +93,10 @@ class LidarCheck:
                 yield RunWarning(name, f"{total} {without}", remedy)
             elif empty >= max(MIN_EMPTY, MIN_EMPTY_SHARE * total):
                 yield RunWarning(name, f"{empty} of {total} {without}, in frames {first} to {last}", remedy)
+            elif len(frames := self._repeated.get(name, [])) >= max(MIN_REPEATED, MIN_REPEATED_SHARE * total):
+                finding = f"{len(frames)} of {total} messages have the points of the one before under a new stamp"
+                old = "what they show is old, and objects are in the wrong place; check its driver and its connection"
+                yield RunWarning(name, f"{finding}, in frames {frames[0]} to {frames[-1]}", old)
 
 
 MIN_GROUNDLESS, MIN_GROUNDLESS_SHARE = 2, 0.1
