@@ -5,9 +5,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, U8
+from lidcam.pipeline.core.arrays import I64, U8
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.frame import FrameResult
+from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.combine import GroundConfig
 from lidcam.readers.recording import Recording
@@ -30,25 +31,20 @@ MIN_EMPTY_SHARE = 0.1
 
 
 MIN_REPEATED, MIN_REPEATED_SHARE = 3, 0.1
-"""Minimum number and share of a lidar's messages that repeat the points of the one before, where these must differ."""
-
-MIN_MOVED_M = 0.1
-"""Minimum way of the rig between two clouds that must differ, metres."""
+"""Minimum number and share of a lidar's messages that have the points of the one before, but not of that before it."""
 
 
 class LidarCheck:
     """Counts each lidar's messages without points over a run, and those with the points of the one before.
 
-    A simulator without noise sees a still scene the same again and again. The points must differ if the rig has moved,
-    and the scene is not still if they differed from those just before.
+    A simulator without noise sees a still scene the same again and again: a row of such messages counts once. Those of
+    a rig that is known to have moved are no part of frames.
     """
 
     def __init__(self, rig: Rig) -> None:
         self._lidars = {lidar.topic: lidar.name for lidar in rig.lidars}
-        self._site_frame = rig.site_frame
-        # By topic: the last message, where the rig was then, and whether it was a repeated one
-        self._last: dict[str, tuple[U8, F64, bool]] = {}
-        self._repeated: dict[str, list[int]] = {}  # frames
+        self._last: dict[str, tuple[U8, bool]] = {}  # By topic: the last message, and whether it was a repeated one
+        self._repeated: dict[str, list[int]] = {}  # By name: frames
         self._messages: Counter[str] = Counter()
         self._bad: Counter[str] = Counter()
         # by lidar: number of messages without points, and the first and last frame of them
@@ -57,12 +53,12 @@ class LidarCheck:
     def add_frame(self, frame: FrameResult) -> None:
         """Add one frame."""
         bad = {drop.topic for drop in frame.drops if not drop.parts}
-        for topic in frame.bundle.messages:
+        for topic, message in frame.bundle.messages.items():
             name = self._lidars.get(topic)
             if name is None:
                 continue
             self._messages[name] += 1
-            self._compare(frame, topic)
+            self._compare(topic, message, frame.bundle.index)
             if topic in bad:
                 self._bad[name] += 1
             elif not frame.combined.points_by_lidar.get(name, 0):
@@ -70,15 +66,13 @@ class LidarCheck:
                 count, first, _ = self._empty.get(name, (0, index, index))
                 self._empty[name] = (count + 1, first, index)
 
-    def _compare(self, frame: FrameResult, topic: str) -> None:
-        data = np.frombuffer(frame.bundle.messages[topic].data, np.uint8)[HEADER_BYTES:]
-        pose = frame.bundle.pose_of(self._site_frame)
-        before, last_place, was_repeated = self._last.get(topic, (data[:0], np.zeros(3), False))
-        place = last_place if pose is None else pose[:3, 3]
+    def _compare(self, topic: str, message: RawMessage, index: int) -> None:
+        data = np.frombuffer(message.data, np.uint8)[HEADER_BYTES:]
+        before, was_repeated = self._last.get(topic, (data[:0], False))
         is_repeated = len(data) > 0 and np.array_equal(data, before)
-        self._last[topic] = data, place, is_repeated
-        if is_repeated and (not was_repeated or np.linalg.norm(place - last_place) > MIN_MOVED_M):
-            self._repeated.setdefault(self._lidars[topic], []).append(frame.bundle.index)
+        self._last[topic] = data, is_repeated
+        if is_repeated and not was_repeated:
+            self._repeated.setdefault(self._lidars[topic], []).append(index)
 
     @property
     def warnings(self) -> Iterator[RunWarning]:

@@ -7,7 +7,10 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
+import numpy as np
+
 from lidcam.pipeline.calibration.lidar_poses import NOT_COMPARED, ComparedLidars
+from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.geometry.transform import Transform
@@ -41,8 +44,14 @@ REPEATED = "recorded twice"
 SAME_PICTURE = "the same picture as the one before, as of a driver that repeats it"
 """Reason of drops of images whose stamps alone are new."""
 
+SAME_CLOUD = "the same cloud as the one before, though the rig has moved"
+"""Reason of drops of clouds whose stamps alone are new."""
+
+MIN_MOVED_M = 0.1
+"""Minimum way of the rig, as recorded, after which a lidar cannot see the same, metres."""
+
 HEADER_BYTES = 32
-"""Size of the beginning of an image's message that holds its stamp, and its number in ROS 1."""
+"""Size of the beginning of an image's or a cloud's message that holds its stamp, and its number in ROS 1."""
 
 NOT_EVERY = "of a frame that sync.every leaves out"
 """Reason of drops that the user asked for."""
@@ -150,7 +159,9 @@ def _bundles(
 
     numbers = itertools.count()
     for part in clocks.parts(video.decoded(_once(messages, source, drops, last))):
-        found = _every(synchronized(motion.tap(part)), config.sync.every, numbers, drops)
+        part = motion.tap(part)
+        part = part if source.motion is None else _without_old_clouds(part, source.rig, motion, drops)
+        found = _every(synchronized(part), config.sync.every, numbers, drops)
         found = video.without_blanks(found, on_drop=drops.count_drop, on_bad=drops.count_bad)
         yield from found if source.motion is None else _with_motion(found, motion)
         motion = MotionBuffer(source.motion, limits=config.limits, on_drop=drops.count_bad)
@@ -219,6 +230,25 @@ def _once(
             drops.count_drop(Drop(topic, message.stamp_ns, reason))
         else:
             yield message
+
+
+def _without_old_clouds(
+    messages: Iterable[RawMessage], rig: Rig, motion: MotionBuffer, drops: DropTable
+) -> Iterator[RawMessage]:
+    """Messages without clouds that a driver repeats; a rig that stands in a simulated world may see the same again."""
+    lidars = {lidar.topic for lidar in rig.lidars}
+    last: dict[str, tuple[RawMessage, F64]] = {}
+    for message in messages:
+        if message.topic in lidars and len(message.data) > HEADER_BYTES:
+            poses = motion.window(message.stamp_ns)
+            place = poses.at(message.stamp_ns)[0, :3, 3] if len(poses) > 1 else np.full(3, np.nan)
+            before, there = last.get(message.topic, (message, place))
+            has_moved = np.linalg.norm(place - there) > MIN_MOVED_M
+            if has_moved and before.data[HEADER_BYTES:] == message.data[HEADER_BYTES:]:
+                drops.count_drop(Drop(message.topic, message.stamp_ns, SAME_CLOUD))
+                continue
+            last[message.topic] = message, place
+        yield message
 
 
 def missing_from_frames(source: RunInput, stats: SyncStats) -> list[MissingSensor]:

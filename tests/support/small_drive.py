@@ -51,7 +51,7 @@ def small_drive(
             messages.append(raw("/tf", "tf2_msgs/msg/TFMessage", pose, late_ns, late_ns, encoding))
         info = camera_info(CAMERA_K, stamp_ns=at_ns, width_px=64, height_px=48, frame_id="cam")
         messages.append(raw("/cam/camera_info", "sensor_msgs/msg/CameraInfo", info, at_ns, at_ns + 2_000_000, encoding))
-        cloud = pointcloud2(points, stamp_ns=at_ns, intensity=points[:, 0], time=times)
+        cloud = pointcloud2(points, stamp_ns=at_ns, intensity=points[:, 0] + np.float32(0.01 * number), time=times)
         messages.append(raw("/points", "sensor_msgs/msg/PointCloud2", cloud, at_ns, at_ns + 5_000_000, encoding))
         if "images" in kinds:
             pixels = np.full((48, 64, 3), number, np.uint8)

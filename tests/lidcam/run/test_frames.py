@@ -15,7 +15,7 @@ from lidcam.pipeline.stages.sync.clocks import Clocks
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.readers.rig.discovery import discover_rig
 from lidcam.readers.streams.motion import find_motion_source
-from lidcam.run.frames import SAME_PICTURE, RunInput, _every, bundles, sensor_clocks, synchronize_stamps
+from lidcam.run.frames import SAME_CLOUD, SAME_PICTURE, RunInput, _every, bundles, sensor_clocks, synchronize_stamps
 from lidcam.run.tally import DropTable
 
 
@@ -86,3 +86,20 @@ def test_a_picture_that_a_driver_repeats_with_new_stamps_goes_to_the_detector_on
     assert len(found) == 30
     assert sum(topic in bundle.messages for bundle in found) == used
     assert [row.count for row in drops.rows if row.reason == SAME_PICTURE] == [30 - used] * (used < 30)
+
+
+@pytest.mark.parametrize(("motion", "used"), [("odometry", 11), ("tf", 11), ("none", 30)])
+def test_a_cloud_that_a_driver_repeats_with_new_stamps_is_used_once_if_the_rig_moves(
+    motion: Literal["odometry", "tf", "none"], used: int
+) -> None:
+    messages = small_drive("cdr", frames=30, motion=motion)
+    hung = [one.data for one in messages if one.topic == "/points"][10]
+    numbers = accumulate(one.topic == "/points" for one in messages)
+    messages = [
+        one._replace(data=bytes(one.data[:12]) + bytes(hung[12:])) if one.topic == "/points" and number > 11 else one
+        for number, one in zip(numbers, messages, strict=True)
+    ]
+    source, drops, stats, clocks = run_of(messages)
+    found = [*bundles(source, drops, stats, clocks)]
+    assert sum("/points" in bundle.messages for bundle in found) == used
+    assert [row.count for row in drops.rows if row.reason == SAME_CLOUD] == [30 - used] * (used < 30)
