@@ -52,7 +52,8 @@ def message(topic: str, stamp_ns: int, log_time_ns: int) -> RawMessage:
     if topic == ODOMETRY:
         pose = odometry(stamp_ns=stamp_ns, position=((stamp_ns - START_NS) / 1e9, 0, 0))
         return raw(topic, "nav_msgs/msg/Odometry", pose, stamp_ns, log_time_ns)
-    cloud = pointcloud2(np.ones((3, 3), np.float32), stamp_ns=stamp_ns, frame_id=topic.split("/")[1])
+    xyz = np.full((3, 3), 1.0 + (stamp_ns - START_NS) / 1e12, np.float32)  # the rig moves: no two clouds are equal
+    cloud = pointcloud2(xyz, stamp_ns=stamp_ns, frame_id=topic.split("/")[1])
     return raw(topic, "sensor_msgs/msg/PointCloud2", cloud, stamp_ns, log_time_ns)
 
 
