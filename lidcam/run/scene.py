@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from lidcam.pipeline.core.rig import LidarSensor, Rig
 from lidcam.pipeline.core.settings.combine import GroundConfig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.filters.ground import find_ground
-from lidcam.pipeline.stages.odometry import FindOdometry
+from lidcam.pipeline.stages.odometry import MIN_MISFIT_RATIO, SAMPLE_POINTS, FindOdometry
 from lidcam.readers.messages.tf import ODOMETRY
 from lidcam.readers.recording import Recording
 from lidcam.readers.rig.discovery import Discovery
@@ -173,10 +174,13 @@ def _contradicts(source: MotionSource, recording: Recording, found: Discovery, c
         if not poses.covers(*stamps_ns):
             continue
         first, last = poses.at(*stamps_ns)
-        recorded, shown = (np.linalg.inv(first) @ last)[:3, 3], seen.T_first_last[:3, 3]
+        T_first_last = np.linalg.inv(first) @ last
+        recorded, shown = T_first_last[:3, 3], seen.T_first_last[:3, 3]
         longer_m = max(np.linalg.norm(recorded), np.linalg.norm(shown))
         if np.linalg.norm(recorded - shown) <= MAX_ERROR_SHARE * longer_m:
             return False
+        if seen.misfit(T_first_last) <= MIN_MISFIT_RATIO * seen.misfit(seen.T_first_last):
+            return False  # as along a wall
         contradictions += 1
     return contradictions > 0
 
@@ -186,6 +190,7 @@ class _Motion(NamedTuple):
 
     T_first_last: F64  # (4, 4) the site frame at the later one, in the site frame at the earlier one
     stamps_ns: tuple[int, int]  # Stamps of both
+    misfit: Callable[[F64], float]  # Misfit of the later one to the earlier one by such a motion
 
 
 def _seen_motion(recording: Recording, rig: Rig, config: Config, begin_ns: int) -> _Motion | None:
@@ -204,7 +209,8 @@ def _seen_motion(recording: Recording, rig: Rig, config: Config, begin_ns: int) 
             stamps_ns.append(message.stamp_ns - lidar.time_offset_ns)
             moved = moved + 1 if pose else 0
             if pose and moved == 2:
-                return _Motion(pose.T_fixed_site, (stamps_ns[0], stamps_ns[-1]))
+                sample = site.xyz[:: len(site) // SAMPLE_POINTS + 1].astype(np.float64)
+                return _Motion(pose.T_fixed_site, (stamps_ns[0], stamps_ns[-1]), partial(odometry.misfit, sample))
         last_ns = message.log_time_ns
         if len(stamps_ns) == LOOK_CLOUDS:
             break

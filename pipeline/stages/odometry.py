@@ -244,7 +244,7 @@ class FindOdometry:
         has_moved = False
         if scan is not None and self._displacement_m(scan.T_fixed_site) > MIN_MOTION * self._unit_m:
             xyz = scan.points.points()[:, :3]
-            has_moved = self._misfit(xyz, np.eye(4)) > MIN_MISFIT_RATIO * self._misfit(xyz, scan.T_fixed_site)
+            has_moved = self.misfit(xyz, np.eye(4)) > MIN_MISFIT_RATIO * self.misfit(xyz, scan.T_fixed_site)
         self._times = self._times + 1 if has_moved else 0
         if has_moved:
             self._state = _State.MOVES if self._times >= MIN_MOVING_FRAMES else self._state
@@ -264,7 +264,7 @@ class FindOdometry:
         sample = combined.cloud.xyz[:: len(combined.cloud) // SAMPLE_POINTS + 1].astype(np.float64)
         if not len(sample):
             return False
-        misfit = self._misfit(sample, np.eye(4))
+        misfit = self.misfit(sample, np.eye(4))
         if self._usual is None:
             self._usual = misfit
         if misfit <= MAX_STANDING_MISFIT_RATIO * self._usual + MAX_STANDING_MISFIT:
@@ -272,8 +272,8 @@ class FindOdometry:
         self._state, self._times, self._stamp_ns, self._step_ns = _State.UNKNOWN, 0, stamp_ns, 0
         return True
 
-    def _misfit(self, xyz_site: F64, T_key_site: F64) -> float:
-        """Mean squared distance from the surfaces of the key frame, in units; one unit at most."""
+    def misfit(self, xyz_site: F64, T_key_site: F64) -> float:
+        """Mean squared distance of points (N, 3) from the surfaces of the key frame, in units; one unit at most."""
         assert self._key is not None
         xyz = xyz_site @ T_key_site[:3, :3].T + T_key_site[:3, 3]
         rows, squared = self._key.tree.batch_knn_search(xyz, 1)
