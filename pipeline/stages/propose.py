@@ -17,10 +17,14 @@ from lidcam.pipeline.core.settings.detect import ClusterConfig
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
 from lidcam.pipeline.fusion.cameras.placing import Placed
 from lidcam.pipeline.fusion.cameras.sightings import Sightings
+from lidcam.pipeline.fusion.proposals.bare import bare_shares
 from lidcam.pipeline.fusion.proposals.fitted import ObjectFitter
 
 MIN_SAME_IOU = 0.5
 """Minimum IoU of a box of the lidars and a proposed one that are the same object, matched or not."""
+
+MAX_BARE_SHARE = 0.5
+"""Maximum probability that an object without points would stand on ground that the lidars see."""
 
 MAX_UNMATCHED = 500
 """Maximum number of unmatched 2D boxes per frame that propose objects, those with the best scores."""
@@ -33,6 +37,9 @@ OUT_OF_VIEW = "outside of the image, straight below the camera, or reaches beyon
 
 TOO_VAGUE = "no lidar points there, and distance unknown"
 """Reason of an unmatched 2D box whose object has no points and an uncertain position."""
+
+BARE = "bare ground there"
+"""Reason of an unmatched 2D box whose object would stand where the lidars see the ground."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,9 +55,9 @@ class Propose:
     """The boxes of the lidars in their order, then objects of 2D boxes that have no partner among them.
 
     The points in the frustum of a 2D box become an object of source BOTH; without points, the object stays where the
-    cameras place it, with source CAMERA. An object is left out if it overlaps with a matched box of the lidars, or if
-    the standard deviation of its position by the cameras exceeds half of the diagonal of the largest object of its
-    class.
+    cameras place it, with source CAMERA. An object is left out if it overlaps with a matched box of the lidars, if the
+    standard deviation of its position by the cameras exceeds half of the diagonal of the largest object of its class,
+    or if the lidars see bare ground in its place.
     """
 
     def __init__(self, rig: Rig, fitter: BoxFitter, config: ClusterConfig, classes: Sequence[ClassPrior]) -> None:
@@ -94,10 +101,12 @@ class Propose:
         unserved[placed.objects[is_served]] = False
         is_vague = _largest_std_m(placed.boxes) > self._max_std_m[placed.boxes.class_ids]
         left_out[TOO_VAGUE] = int((unserved & is_vague)[placed.objects[alone]].sum())
-        left = placed.boxes.select(unserved & ~is_vague)
+        left = np.flatnonzero(unserved & ~is_vague)
         there = lidar.select(is_matched).joined(new)
-        apart = np.flatnonzero((overlap_shares(left, there) <= OVERLAP_SHARE).all(1))
-        more = new.joined(left.select(apart))
+        left = left[(overlap_shares(placed.boxes.select(left), there) <= OVERLAP_SHARE).all(1)]
+        is_bare = bare_shares(placed.boxes.select(left), combined.ground_cloud.xyz) > MAX_BARE_SHARE
+        left_out[BARE] = int(np.isin(placed.objects[alone], left[is_bare]).sum())
+        more = new.joined(placed.boxes.select(left[~is_bare]))
         return Proposed(lidar.joined(more) if len(more) else lidar, +left_out)
 
     def _is_too_large(self, lidar: Boxes3D, sightings: Sightings, partner: I64) -> Bools:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from detections import boxes2d, boxes3d, camera_rig, matches
 from fusion_stages import associate_of, place_of
-from lidar_scene import combined, rig, scan
+from lidar_scene import combined, point_cloud, rig, scan
 from seen_boxes import Box, camera_at, seen_by, views_of
 
 from lidcam.pipeline.core.arrays import F64
@@ -88,6 +88,18 @@ def test_object_without_points_stays_where_the_cameras_place_it() -> None:
     assert found.sources.tolist() == [Source.LIDAR, Source.CAMERA]
     np.testing.assert_array_equal(found.centers[: len(lidar)], lidar.centers)
     np.testing.assert_array_equal(found.centers[1], placed.centers[0])
+
+
+def test_no_object_stands_where_the_lidars_see_bare_ground() -> None:
+    x, y = np.meshgrid(np.arange(10, 25, 0.1), np.arange(-10, 10, 0.1))
+    ground = np.stack([x, y, 0 * x], 2).reshape(-1, 3)
+    below = np.hypot(*(ground[:, :2] - CAR_BOX[:2]).T) < 1.5
+    boxes, sensors = {"cam": seen_by(CAMERA, [CAR_BOX, OTHER], [CAR, CAR])}, with_cameras(CAMERA)
+    for seen, reasons in ((ground[~below], {propose_stage.BARE: 1}), (ground, {propose_stage.BARE: 2})):
+        frame = replace(combined(np.zeros((0, 3))), ground_cloud=point_cloud(seen))
+        found = proposed(sensors, frame, nothing(), boxes)
+        assert found.left_out == reasons
+        assert len(found.boxes) == 2 - reasons[propose_stage.BARE]
 
 
 def test_2d_boxes_that_propose_no_object_are_counted_by_reason(monkeypatch: pytest.MonkeyPatch) -> None:
