@@ -75,7 +75,7 @@ MAX_LINES = {
     "pipeline/native": (3290, 0),
     "pipeline/parallel": (870, 490),
     "pipeline/stages": (3110, 3270),
-    "pipeline/tracking": (2290, 1060),
+    "pipeline/tracking": (2300, 1070),
     "readers": (950, 520),
     "readers/files": (3300, 1920),
     "readers/messages": (2990, 2480),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tracked_scenes import BUS, CAR, PERIOD_S, PRIORS, START_NS, TRUCK, Mover, circling, scene, straight
 
+from lidcam.pipeline.core.arrays import join_rows
 from lidcam.pipeline.tracking.motion import HEADING, REAR_SHARE, SPEED
 from lidcam.pipeline.tracking.offline import OfflineTracker
 from lidcam.pipeline.tracking.online import OnlineTracker
@@ -162,6 +163,16 @@ def test_the_frames_that_show_it_best_decide(far: float, near: float, is_kept: b
     for index, one in enumerate(frames):
         one.sightings.beliefs[:], one.sightings.point_counts[:] = (near, 800) if 40 <= index < 50 else (far, 15)
     assert len(tracked(frames)[20]) == is_kept
+
+
+@pytest.mark.parametrize("window_s", [4.0, 60.0])
+def test_what_becomes_sure_was_there_before(window_s: float) -> None:
+    doubted, sure = (scene([replace(one, belief=belief) for one in CARS], 120, later_s=0.04) for belief in (0.3, 0.95))
+    other = scene([Mover(straight(12, 20, 0.5, 7.0), belief=0.3)], 60)  # nothing ever shows that it is there
+    frames = [*doubted[:8], *sure[8:]]
+    for k, more in enumerate(other, 30):
+        frames[k] = replace(frames[k], sightings=join_rows(frames[k].sightings, more.sightings))
+    assert ids(tracked(frames, window_s)) == [[1, 2, 3]] * 120
 
 
 @pytest.mark.parametrize(("speed", "frames", "count"), [(33.0, 2, 0), (33.0, 20, 20), (8.0, 2, 2)])
