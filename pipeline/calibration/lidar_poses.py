@@ -50,25 +50,13 @@ class LidarPair:
     first: LidarSensor
     second: LidarSensor
     error: LidarError | None  # The error of the second against the first; None if they show too little
-
-    @property
-    def swapped(self) -> "LidarPair":
-        """The same with the error of the first against the second."""
-        if self.error is None:
-            return replace(self, first=self.second, second=self.first)
-        arm = self.first.T_site_lidar.translation - self.second.T_site_lidar.translation
-        rotation, rest = self.error.values[:3], arm - self.error.values[3:]
-        by_rotation = np.cross(rest, np.eye(3))  # rows: the cross product with each unit vector
-        slopes = -np.block([[np.eye(3), np.zeros((3, 3))], [by_rotation, np.eye(3)]])
-        values = np.concatenate([-rotation, rest @ turned(rotation) - arm])
-        error = replace(self.error, values=values, covariance=slopes @ self.error.covariance @ slopes.T)
-        return LidarPair(self.second, self.first, error)
+    is_first_off: bool = False  # Whether the first is clearly moved further than the second so that they agree
 
 
 class ComparedLidars(NamedTuple):
     """How well the lidars of a rig agree."""
 
-    pairs: tuple[LidarPair, ...]  # Any two of them, as recorded; the second is the one that is clearly moved further
+    pairs: tuple[LidarPair, ...]  # Any two of them, as recorded
     agreeing: tuple[LidarSensor, ...]  # All lidars, moved so that they agree; empty where no error is significant
 
 
@@ -92,8 +80,7 @@ def compared_lidars(lidars: Sequence[LidarSensor], site_frame: str, clouds: Sequ
     motions = agreeing_motions(lidars, site_frame, pairs)
     sigmas = [ROTATION_SIGMA_RAD] * 3 + [TRANSLATION_SIGMA_M] * 3
     size = {lidar.name: float(np.linalg.norm(one / sigmas)) for lidar, one in zip(lidars, motions, strict=True)}
-    is_swapped = [size[pair.first.name] > FURTHER * size[pair.second.name] for pair in pairs]
-    pairs = [pair.swapped if swap else pair for pair, swap in zip(pairs, is_swapped, strict=True)]
+    pairs = [replace(one, is_first_off=size[one.first.name] > FURTHER * size[one.second.name]) for one in pairs]
     return ComparedLidars(tuple(pairs), tuple(map(moved_lidar, lidars, motions)))
 
 

@@ -270,10 +270,10 @@ class RigCheck:
             f"{_figure(values[row], sigmas[row], 'degrees' if row < 3 else 'm')} {_AXES[row]}"
             for row in np.flatnonzero(pair.error.large)
         ]
-        finding = f"what it sees lies beside what {pair.first.name} sees, by {' and '.join(parts)}"
+        finding = f"what {pair.second.name} sees lies beside what {pair.first.name} sees, by {' and '.join(parts)}"
         is_moved = self._config.fuse.calibration != "recorded"
         remedy = f"this run moves lidars so that they agree; {self._remedy}" if is_moved else self._remedy
-        return RunWarning(pair.second.name, finding, remedy)
+        return RunWarning((pair.first if pair.is_first_off else pair.second).name, finding, remedy)
 
     @property
     def correction_count(self) -> int:

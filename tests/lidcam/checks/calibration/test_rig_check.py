@@ -14,6 +14,7 @@ from wrong_cameras import CAMERA, cuboids, passing, without_tracks
 from lidcam.checks.calibration.rig_check import RigCheck
 from lidcam.cli.printing.rig_check import check_tree, print_check
 from lidcam.cli.printing.terminal import console
+from lidcam.pipeline.calibration.lidar_error import LidarError
 from lidcam.pipeline.calibration.lidar_poses import ComparedLidars, LidarPair, moved_lidar
 from lidcam.pipeline.calibration.motions import motion
 from lidcam.pipeline.core.frame import FrameResult, Missing
@@ -105,6 +106,15 @@ def test_lidars_in_one_frame_whose_clouds_show_nothing_in_common(frames: str, x_
     compared = ComparedLidars((LidarPair(one, other, None),), ())
     warnings = RigCheck(Rig("site", (one, other), (), ()), CONFIG, compared).warnings
     assert [warning.subject for warning in warnings] == ["right"] * is_named
+
+
+@pytest.mark.parametrize("is_first_off", [False, True])
+def test_of_two_lidars_the_one_that_is_off_is_named(*, is_first_off: bool) -> None:
+    left, right = (LidarSensor(name, f"/{name}", Transform("site", name, np.eye(4))) for name in ("left", "right"))
+    pair = LidarPair(left, right, LidarError(0.2 * np.eye(6)[3], 1e-6 * np.eye(6), 500), is_first_off)
+    [warning] = RigCheck(Rig("site", (left, right), (), ()), CONFIG, ComparedLidars((pair,), ())).warnings
+    assert warning.subject == ("left" if is_first_off else "right")
+    assert warning.finding == "what right sees lies beside what left sees, by 0.20 ± 0.00 m along x"
 
 
 @pytest.mark.parametrize("moved", [(), (1,), (0, 2)])
