@@ -1,5 +1,6 @@
 """A run that checks its rig: progress, tables, and plain values of the verdicts."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,9 @@ from lidcam.cli.printing.console import print_warnings
 from lidcam.cli.printing.running import ShownProgress
 from lidcam.cli.printing.tables import ColumnsTable
 from lidcam.cli.printing.terminal import show_line, show_table
-from lidcam.pipeline.calibration.camera_error import MIN_PAIRS, MIN_TRACKS
-from lidcam.pipeline.core.arrays import F64, Bools
+from lidcam.pipeline.calibration.camera_error import MIN_PAIRS, MIN_TRACKS, CameraError
+from lidcam.pipeline.calibration.lidar_error import LidarError
+from lidcam.pipeline.core.arrays import Bools
 from lidcam.run.frame import Frame
 from lidcam.run.frames import RunInput
 
@@ -46,19 +48,16 @@ class CheckedRun(ShownProgress):
 
 def print_check(out: Console, check: RigCheck) -> None:
     """Print a check; `*` marks significant errors."""
+    tree = check_tree(check)
     cameras = ColumnsTable("cameras against lidars", "camera", "pairs", "tracks", *map(_heading, VALUES))
-    for one in check.cameras:
-        cells = [NOT_JUDGED] if one.error is None else _cells(one.error.values, one.error.sigmas, one.significant)
-        cameras.add_row(one.camera.name, str(one.pair_count), str(one.track_count), *cells)
+    for name, one in tree["cameras"].items():
+        cameras.add_row(name, str(one["pairs"]), str(one["tracks"]), *_cells(one["errors"]))
     headings = map(_heading, LIDAR_VALUES)
     lidars = ColumnsTable(
         "lidars against each other", "lidar", "against", "points", *headings, text_columns=("against",)
     )
-    for pair in check.lidars:
-        error = pair.error
-        matches = "0" if error is None else str(error.matches)
-        cells = [NOT_JUDGED] if error is None else _cells(error.values, error.sigmas, error.large)
-        lidars.add_row(pair.second.name, pair.first.name, matches, *cells)
+    for one in tree["lidars"]:
+        lidars.add_row(one["lidar"], one["against"], str(one["points"]), *_cells(one["errors"]))
     for table in (cameras, lidars):
         if table.row_count:
             out.print()
@@ -79,7 +78,7 @@ def check_tree(check: RigCheck) -> dict[str, Any]:
         one.camera.name: {
             "pairs": one.pair_count,
             "tracks": one.track_count,
-            "errors": None if one.error is None else _tree(VALUES, one.error.values, one.error.sigmas, one.significant),
+            "errors": None if one.error is None else _tree(VALUES, one.error, one.significant),
         }
         for one in check.cameras
     }
@@ -88,9 +87,7 @@ def check_tree(check: RigCheck) -> dict[str, Any]:
             "lidar": pair.second.name,
             "against": pair.first.name,
             "points": 0 if pair.error is None else pair.error.matches,
-            "errors": None
-            if pair.error is None
-            else _tree(LIDAR_VALUES, pair.error.values, pair.error.sigmas, pair.error.large),
+            "errors": None if pair.error is None else _tree(LIDAR_VALUES, pair.error, pair.error.large),
         }
         for pair in check.lidars
     ]
@@ -101,18 +98,20 @@ def _heading(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _cells(values: F64, sigmas: F64, significant: Bools) -> list[str]:
-    scaled = zip(values * SCALES[: len(values)], sigmas * SCALES[: len(values)], significant, strict=True)
-    digits = [2] * 6 + [0]
-    return [
-        f"{value:+.{places}f}±{sigma:.{places}f}{'*' if is_significant else ''}" if sigma else ""
-        for places, (value, sigma, is_significant) in zip(digits, scaled, strict=False)
-    ]
+def _cells(errors: Mapping[str, Any] | None) -> list[str]:
+    if errors is None:
+        return [NOT_JUDGED]
+    cells = []
+    for name, one in errors.items():
+        digits = 0 if name == "time_ms" else 2
+        mark = "*" if one and one["is_significant"] else ""
+        cells.append(f"{one['value']:+.{digits}f}±{one['sigma']:.{digits}f}{mark}" if one else "")
+    return cells
 
 
-def _tree(names: tuple[str, ...], values: F64, sigmas: F64, significant: Bools) -> dict[str, Any]:
+def _tree(names: tuple[str, ...], error: CameraError | LidarError, significant: Bools) -> dict[str, Any]:
     scales = SCALES[: len(names)]
-    columns = np.round(values * scales, 6), np.round(sigmas * scales, 6), significant
+    columns = np.round(error.values * scales, 6), np.round(error.sigmas * scales, 6), significant
     return {
         name: {"value": float(value), "sigma": float(sigma), "is_significant": bool(is_significant)} if sigma else None
         for name, value, sigma, is_significant in zip(names, *columns, strict=True)

@@ -169,7 +169,7 @@ def print_details(out: Console, summary: RunSummary) -> None:
             changes = ((*astuple(one)[:4], speed_text(one.speed_mean_m_s)) for one in users.changes)
             show_table(out, rows_table("road users from zone to zone", columns, changes, columns[:3]))
             out.print()
-    show_line(out, f"objects, sum over {frames.count} frame{'s' * (frames.count != 1)}", "bold")
+    show_line(out, f"objects, sum over {_plural(frames.count, 'frame')}", "bold")
     show_table(out, objects_table(frames.objects, zones, frames.count))
     _print_counts(out, "detections dropped", drops.objects)
     out.print()

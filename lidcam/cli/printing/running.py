@@ -2,6 +2,7 @@
 
 import gc
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 
 from rich.console import Console
@@ -17,8 +18,8 @@ from lidcam.run.tally import RunProgress
 class ShownProgress(RunObserver):
     """Shows the progress of a run in recorded seconds, until the stack is closed."""
 
-    def __init__(self, stack: ExitStack, *, whatever_is_logged: bool = False) -> None:
-        self._stack, self._whatever_is_logged = stack, whatever_is_logged
+    def __init__(self, stack: ExitStack, *, has_bar: bool = True, whatever_is_logged: bool = False) -> None:
+        self._stack, self._has_bar, self._whatever_is_logged = stack, has_bar, whatever_is_logged
 
     def opened(self, source: RunInput) -> None:
         """Begin with the seconds to be processed."""
@@ -26,8 +27,10 @@ class ShownProgress(RunObserver):
         self._start_ns = window.start_ns or recording.start_ns
         stop_ns = min(window.stop_ns or recording.end_ns, recording.end_ns)
         self._started_s, self._seconds = time.monotonic(), (stop_ns - self._start_ns) / 1e9
-        bar = show_progress(self._seconds, whatever_is_logged=self._whatever_is_logged)
-        self._advance = self._stack.enter_context(bar)
+        self._advance: Callable[[float, str], None] = lambda *_: None
+        if self._has_bar:
+            bar = show_progress(self._seconds, whatever_is_logged=self._whatever_is_logged)
+            self._advance = self._stack.enter_context(bar)
 
     def advanced(self, progress: RunProgress) -> None:
         """Show the progress."""
@@ -44,19 +47,19 @@ class ShownProgress(RunObserver):
         self._advance(self._seconds, "all frames written, finishing the outputs")
 
 
-class ShownRun(RunObserver):
+class ShownRun(ShownProgress):
     """Shows a run until the stack is closed, with the detections and matches of each frame if asked for."""
 
     def __init__(self, out: Console, stack: ExitStack, *, detections: bool = False, matches: bool = False) -> None:
-        self._out, self._detections, self._matches = out, detections, matches
         # On a terminal, printed frames show the progress, and a bar would break into them.
-        self._progress = RunObserver() if out.is_terminal and (detections or matches) else ShownProgress(stack)
+        super().__init__(stack, has_bar=not (out.is_terminal and (detections or matches)))
+        self._out, self._detections, self._matches = out, detections, matches
 
     def opened(self, source: RunInput) -> None:
         """Begin."""
         gc.freeze()  # libraries and stages stay: looking for garbage among them takes 5 ms a frame
         self._config = source.config
-        self._progress.opened(source)
+        super().opened(source)
 
     def frame(self, result: FrameResult) -> None:
         """Print what is asked for."""
@@ -64,11 +67,3 @@ class ShownRun(RunObserver):
             print_detections(self._out, result, self._config)
         if self._matches:
             print_matches(self._out, result, self._config)
-
-    def advanced(self, progress: RunProgress) -> None:
-        """Show the progress."""
-        self._progress.advanced(progress)
-
-    def finishing(self) -> None:
-        """Show what is left."""
-        self._progress.finishing()
