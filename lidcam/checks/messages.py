@@ -5,14 +5,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import I64, U8
+from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.combine import GroundConfig
 from lidcam.readers.recording import Recording
-from lidcam.run.frames import HEADER_BYTES
+from lidcam.run.frames import repeats
 from lidcam.run.warning import RunWarning
 
 
@@ -43,8 +43,9 @@ class LidarCheck:
 
     def __init__(self, rig: Rig) -> None:
         self._lidars = {lidar.topic: lidar.name for lidar in rig.lidars}
-        self._last: dict[str, tuple[U8, bool]] = {}  # By topic: the last message, and whether it was a repeated one
-        self._repeated: dict[str, list[int]] = {}  # By name: frames
+        # By lidar: the last message, and whether it was a repeated one; frames with the first of some repeated ones
+        self._last: dict[str, tuple[RawMessage, bool]] = {}
+        self._repeated: dict[str, list[int]] = {}
         self._messages: Counter[str] = Counter()
         self._bad: Counter[str] = Counter()
         # by lidar: number of messages without points, and the first and last frame of them
@@ -58,7 +59,7 @@ class LidarCheck:
             if name is None:
                 continue
             self._messages[name] += 1
-            self._compare(topic, message, frame.bundle.index)
+            self._compare(message, name, frame.bundle.index)
             if topic in bad:
                 self._bad[name] += 1
             elif not frame.combined.points_by_lidar.get(name, 0):
@@ -66,13 +67,12 @@ class LidarCheck:
                 count, first, _ = self._empty.get(name, (0, index, index))
                 self._empty[name] = (count + 1, first, index)
 
-    def _compare(self, topic: str, message: RawMessage, index: int) -> None:
-        data = np.frombuffer(message.data, np.uint8)[HEADER_BYTES:]
-        before, was_repeated = self._last.get(topic, (data[:0], False))
-        is_repeated = len(data) > 0 and np.array_equal(data, before)
-        self._last[topic] = data, is_repeated
+    def _compare(self, message: RawMessage, name: str, index: int) -> None:
+        before, was_repeated = self._last.get(name, (None, False))
+        is_repeated = repeats(message, before)
+        self._last[name] = message, is_repeated
         if is_repeated and not was_repeated:
-            self._repeated.setdefault(self._lidars[topic], []).append(index)
+            self._repeated.setdefault(name, []).append(index)
 
     @property
     def warnings(self) -> Iterator[RunWarning]:
@@ -161,9 +161,6 @@ MIN_SAME_SHARE = 0.9
 MIN_SAME_ROW = 10
 """Minimum number of images in a row that are the same as the one before, and at least `MIN_BLIND_SHARE` of them."""
 
-COMPARED_BYTES = 4096
-"""Number of bytes of an image, evenly spread, that are compared."""
-
 MIN_SHOWN = 20
 """Minimum number of objects in the view of a camera without 2D boxes that is named, over all frames."""
 
@@ -185,7 +182,7 @@ class CameraCheck:
 
     def __init__(self, rig: Rig) -> None:
         self._cameras = [camera for camera in rig.cameras if camera.topic]
-        self._last: dict[str, bytes] = {}
+        self._last: dict[str, RawMessage] = {}
         # By camera: images, those that repeat the one before, objects in its view, and those with a 2D box
         self._images: Counter[str] = Counter()
         self._same: Counter[str] = Counter()
@@ -203,10 +200,10 @@ class CameraCheck:
             name, message = camera.name, frame.bundle.messages.get(camera.topic)
             if message is None or not len(message.data):
                 continue
-            last, picture = self._last.get(name), np.frombuffer(message.data, np.uint8)[HEADER_BYTES:]
-            self._last[name] = picture[:: len(picture) // COMPARED_BYTES + 1].tobytes()
+            is_same = repeats(message, self._last.get(name))
+            self._last[name] = message
             self._images[name] += 1
-            boxes, index, is_same = frame.detections.cameras.get(name), frame.bundle.index, self._last[name] == last
+            boxes, index = frame.detections.cameras.get(name), frame.bundle.index
             self._same[name] += is_same
             row, longest, end = self._repeats.get(name, (0, 0, 0))
             row = row + 1 if is_same else 0

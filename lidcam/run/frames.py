@@ -205,6 +205,14 @@ def synchronize_stamps(
         deque(synchronized(part), maxlen=0)
 
 
+def repeats(message: RawMessage, before: RawMessage | None) -> bool:
+    """Whether a message has the cloud or the image of the one before it, whatever its stamp."""
+    if before is None or len(message.data) <= HEADER_BYTES:
+        return False
+    one, other = (np.frombuffer(each.data, np.uint8)[HEADER_BYTES:] for each in (message, before))
+    return np.array_equal(one, other)
+
+
 def _once(
     messages: Iterable[RawMessage], source: RunInput, drops: DropTable, last: dict[str, RawMessage] | None = None
 ) -> Iterator[RawMessage]:
@@ -222,8 +230,8 @@ def _once(
         if before and before.order != message.order:
             if before.stamp_ns == message.stamp_ns:
                 reason = REPEATED if message.stamp_ns and before.data == message.data else ""
-            elif topic in images and len(message.data) > HEADER_BYTES:
-                reason = SAME_PICTURE if before.data[HEADER_BYTES:] == message.data[HEADER_BYTES:] else ""
+            elif topic in images and repeats(message, before):
+                reason = SAME_PICTURE
         if topic in topics:
             last[topic] = message
         if reason:
@@ -239,12 +247,11 @@ def _without_old_clouds(
     lidars = {lidar.topic for lidar in rig.lidars}
     last: dict[str, tuple[RawMessage, F64]] = {}
     for message in messages:
-        if message.topic in lidars and len(message.data) > HEADER_BYTES:
+        if message.topic in lidars:
             poses = motion.window(message.stamp_ns)
             place = poses.at(message.stamp_ns)[0, :3, 3] if len(poses) > 1 else np.full(3, np.nan)
             before, there = last.get(message.topic, (message, place))
-            has_moved = np.linalg.norm(place - there) > MIN_MOVED_M
-            if has_moved and before.data[HEADER_BYTES:] == message.data[HEADER_BYTES:]:
+            if np.linalg.norm(place - there) > MIN_MOVED_M and repeats(message, before):
                 drops.count_drop(Drop(message.topic, message.stamp_ns, SAME_CLOUD))
                 continue
             last[message.topic] = message, place
