@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import U8, Array, Indices
+from lidcam.pipeline.core.arrays import Array, Indices
 
 
 class Rgb(NamedTuple):
@@ -55,12 +55,8 @@ GROUND = (70, 76, 86)
 _HEIGHT_STOPS = np.array([[62, 84, 128], [108, 150, 190], [176, 205, 218], [245, 240, 225]], np.float64)
 
 
-def _height_colors(count: int) -> U8:
-    places, stops = np.linspace(0, 1, count), np.linspace(0, 1, len(_HEIGHT_STOPS))
-    return np.stack([np.interp(places, stops, channel).astype(np.uint8) for channel in _HEIGHT_STOPS.T], 1)
-
-
-HEIGHT_COLORS = _height_colors(1024)
+_SHARES, _STOPS_AT = np.linspace(0, 1, 1024), np.linspace(0, 1, len(_HEIGHT_STOPS))
+HEIGHT_COLORS = np.stack([np.interp(_SHARES, _STOPS_AT, one).astype(np.uint8) for one in _HEIGHT_STOPS.T], 1)
 """(1024, 3) colours of heights, from low to high; looked up, as three interpolations of all points take longest."""
 
 

@@ -244,14 +244,13 @@ class ChunkedFile(Container):
 
 
 class ChunkCache:
-    """The most recently used chunks, up to a number of bytes (at least one chunk).
+    """The most recently used chunks, up to `CACHE_BYTES` (at least one chunk).
 
     Messages are read in time order but chunks are in the order of writing, so chunks that overlap in time are read
     alternately. The bound keeps memory constant even if all chunks of a recording overlap.
     """
 
-    def __init__(self, max_bytes: int = CACHE_BYTES) -> None:
-        self._max_bytes = max_bytes
+    def __init__(self) -> None:
         self._bytes = 0
         self._chunks: OrderedDict[int, bytes] = OrderedDict()
 
@@ -263,7 +262,7 @@ class ChunkCache:
         chunk = load()
         self._chunks[position] = chunk
         self._bytes += len(chunk)
-        while self._bytes > self._max_bytes and len(self._chunks) > 1:
+        while self._bytes > CACHE_BYTES and len(self._chunks) > 1:
             self._bytes -= len(self._chunks.popitem(last=False)[1])
         return chunk
 

@@ -192,10 +192,6 @@ class TruthEntry(_Model):
     offset_m: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     label: Annotated[str, Field(alias="class", min_length=1)] = "car"
 
-    def vehicle(self) -> TruthVehicle:
-        """The same as a record."""
-        return TruthVehicle(self.topic, self.label, self.size_m, self.offset_m)
-
 
 Edges = dict[str, dict[str, Pose]]
 """Poses of frames by parent frame, then by child frame."""
@@ -232,7 +228,7 @@ class RigFile(_Model):
     @property
     def vehicles(self) -> dict[str, TruthVehicle]:
         """`truth` as records."""
-        return {name: entry.vehicle() for name, entry in self.truth.items()}
+        return {name: TruthVehicle(one.topic, one.label, one.size_m, one.offset_m) for name, one in self.truth.items()}
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> "RigFile":

@@ -39,14 +39,14 @@ class MessageSink(ABC):
         schema = msgtype, "ros2msg", ROS2.definition(msgtype).encode()
         return self.add_channel(topic, "cdr", schema, {} if qos is None else {"offered_qos_profiles": qos})
 
-    def add_recorded(self, channel: Channel, topic: str = "") -> int:
-        """The id of a new channel for messages as they were recorded, under another topic if one is given."""
+    def add_recorded(self, channel: Channel) -> int:
+        """The id of a new channel for messages as they were recorded."""
         metadata = {}
         if channel.digest:
             metadata["md5sum" if channel.encoding == "ros1" else "topic_type_hash"] = channel.digest
         if channel.encoding == "cdr":
             metadata["offered_qos_profiles"] = ""
-        return self.add_channel(topic or channel.topic, channel.encoding, _schema(channel), metadata)
+        return self.add_channel(channel.topic, channel.encoding, _schema(channel), metadata)
 
 
 class McapOutput(MessageSink):

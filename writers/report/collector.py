@@ -95,7 +95,7 @@ FIRST_STEP_S = 0.1
 
 
 class Timeline:
-    """Sums by name and step of time; where there are too many steps, two become one.
+    """Sums by name, and largest values, by step of time; where there are too many steps, two become one.
 
     Attributes:
         step_s: Length of a step.
@@ -105,18 +105,17 @@ class Timeline:
         self.step_s, self._last, self._end_s = FIRST_STEP_S, 0, 0.0
         self._frames = np.zeros(MAX_STEPS)
         self._sums: dict[str, F64] = defaultdict(lambda: np.zeros(MAX_STEPS))
-        self._maxima: dict[str, F64] = defaultdict(lambda: np.zeros(MAX_STEPS))
+        self._largest = np.zeros(MAX_STEPS)
 
-    def add_frame(self, time_s: float, sums: Mapping[str, float], maxima: Mapping[str, float]) -> None:
+    def add_frame(self, time_s: float, sums: Mapping[str, float], value: float = 0.0) -> None:
         """Take in a frame at a time since the first; one from before it counts as of the first step."""
         while (step := max(int(time_s / self.step_s + 1e-6), 0)) >= MAX_STEPS:  # 0.6 / 0.1 is a little less than 6
             self._double()
         self._last, self._end_s = max(self._last, step), max(self._end_s, time_s)
         self._frames[step] += 1
-        for name, value in sums.items():
-            self._sums[name][step] += value
-        for name, value in maxima.items():
-            self._maxima[name][step] = max(self._maxima[name][step], value)
+        for name, number in sums.items():
+            self._sums[name][step] += number
+        self._largest[step] = max(self._largest[step], value)
 
     @property
     def edges_s(self) -> F64:
@@ -133,9 +132,9 @@ class Timeline:
         """(S,) sum in each step."""
         return self._sums[name][: self._last + 1]
 
-    def maxima(self, name: str) -> F64:
+    def largest(self) -> F64:
         """(S,) largest value in each step; 0 without any."""
-        return self._maxima[name][: self._last + 1]
+        return self._largest[: self._last + 1]
 
     def at_least(self, step_s: float) -> None:
         """Make steps long enough, for instance so that every one has a frame."""
@@ -145,7 +144,7 @@ class Timeline:
     def _double(self) -> None:
         self.step_s *= 2
         self._last //= 2
-        for join, of in ((np.sum, (self._frames, *self._sums.values())), (np.max, self._maxima.values())):
+        for join, of in ((np.sum, (self._frames, *self._sums.values())), (np.max, (self._largest,))):
             for values in of:
                 values[:] = np.pad(join(values.reshape(-1, 2), 1), (0, MAX_STEPS // 2))
 
@@ -223,11 +222,10 @@ class ReportCollector:
                 if busy > self._busy:
                     self._busy, self.busiest = busy, Moment(time_s, frame.sync.log_time_ns, source.boxes)
         self.log_times_ns.append(0 if frame.sync is None else frame.sync.log_time_ns)
-        maxima = {} if frame.skew_ns is None else {"skew": frame.skew_ns / 1e6}
         if frame.sync is not None:
-            self.sensors.add_frame(time_s, dict.fromkeys(frame.sync.offsets_ns, 1.0), {})
+            self.sensors.add_frame(time_s, dict.fromkeys(frame.sync.offsets_ns, 1.0))
             self.missed.update(frame.sync.missing)
-        self.time.add_frame(time_s, sums, maxima)
+        self.time.add_frame(time_s, sums, (frame.skew_ns or 0) / 1e6)
 
     def figures(self) -> Figures:
         """None."""

@@ -76,7 +76,7 @@ def sensors_figure(seen: ReportCollector, rig: Rig) -> Figure:
 
 def skew_figure(seen: ReportCollector) -> Figure:
     """The largest difference of stamps in a frame, by step of time."""
-    skew_ms = np.where(seen.time.counts() > 0, seen.time.maxima("skew"), np.nan)
+    skew_ms = np.where(seen.time.counts() > 0, seen.time.largest(), np.nan)
     stairs = _stairs("skew", seen.time, skew_ms, "@ink", 1.5, "%{y:.1f} ms")
     layout = {"xaxis": seconds_axis(), "yaxis": axis("skew, ms", rangemode="tozero"), "showlegend": False}
     return {"data": [stairs], "layout": layout, "height": 180}

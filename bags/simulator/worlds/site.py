@@ -138,13 +138,12 @@ class Site:
         looks |= {"color": self.color(), "walked_m": self.between(0, 1.28)}
         return self.user(VehicleScenario(shape="pedestrian", **looks, **place), margin_m=margin_m)
 
-    def on_route(self, add: Callable[..., bool], route: str, speed: tuple[float, float], tries: int = 8) -> bool:
-        """Add a road user somewhere along a route."""
-        for _ in range(tries):
+    def on_route(self, add: Callable[..., bool], route: str, speed: tuple[float, float]) -> None:
+        """Add a road user somewhere along a route, if there is room at one of eight places."""
+        for _ in range(8):
             start_m = self.between(5.0, self._roads[route].length_m - 15.0)
             if add(route=route, route_start_m=start_m, speed_m_s=self.between(*speed)):
-                return True
-        return False
+                return
 
     def _take(self, ground: Rectangle, margin_m: float) -> bool:
         """Take a rectangle if nothing is there or nearer than a margin."""

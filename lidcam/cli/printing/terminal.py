@@ -92,8 +92,8 @@ _PIECES = re.compile(r"/?[^/_.,:;-]+[/_.,:;-]*|[/_.,:;-]+")
 class Folded:
     """A text that is folded to the available width, after a blank if it has one, else after a mark."""
 
-    def __init__(self, text: str, style: str = "") -> None:
-        self.text, self.style = visible(text), style
+    def __init__(self, text: str) -> None:
+        self.text = visible(text)
 
     def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
         length = cell_len(self.text)
@@ -101,7 +101,7 @@ class Folded:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         for line in folded_lines(self.text, options.max_width):
-            yield Text(line.strip() if options.justify == "right" else line, self.style)
+            yield Text(line.strip() if options.justify == "right" else line)
 
 
 def folded_lines(text: str, width: int) -> Iterator[str]:

@@ -42,8 +42,8 @@ def _leaves(draw: np.random.Generator, places: F64, size: F64 | float, *, uprigh
     return Mesh(vertices, np.arange(3 * count).reshape(-1, 3), np.zeros(count, np.int64), (PLAIN,))
 
 
-def _ball(draw: np.random.Generator, count: int, low: float, high: float, *, hollow: float = 0.5) -> F64:
-    """Places (N, 3) in an ellipsoid between two heights, mostly in its outer shell."""
+def _ball(draw: np.random.Generator, count: int, low: float, *, hollow: float) -> F64:
+    """Places (N, 3) in an ellipsoid between a height and 1, mostly in its outer shell."""
     away = draw.standard_normal((count, 3))
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     away *= draw.uniform(hollow, 1.0, (count, 1)) * 0.5
@@ -52,14 +52,14 @@ def _ball(draw: np.random.Generator, count: int, low: float, high: float, *, hol
     lumps /= np.linalg.norm(lumps, axis=1, keepdims=True)
     unit = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
     away *= 0.7 + 0.3 * np.clip((unit @ lumps.T).max(1, keepdims=True), 0.0, 1.0) ** 2
-    away[:, 2] = (low + high) / 2 + away[:, 2] * (high - low)
+    away[:, 2] = (low + 1) / 2 + away[:, 2] * (1 - low)
     return np.asarray(away)
 
 
 def _tree(draw: np.random.Generator) -> Mesh:
     fork = draw.uniform(0.2, 0.4)
     trunk = cylinder((0, 0, 0), (0, 0, 0.7), draw.uniform(0.02, 0.05), BARK, sides=8, taper=0.6)
-    return merged(trunk, _leaves(draw, _ball(draw, int(draw.integers(150, 500)), fork, 1.0, hollow=0.3), 0.09))
+    return merged(trunk, _leaves(draw, _ball(draw, int(draw.integers(150, 500)), fork, hollow=0.3), 0.09))
 
 
 def _conifer(draw: np.random.Generator) -> Mesh:
@@ -71,7 +71,7 @@ def _conifer(draw: np.random.Generator) -> Mesh:
 
 def _bush(draw: np.random.Generator) -> Mesh:
     count, low, hollow = int(draw.integers(50, 260)), draw.uniform(-0.4, 0.1), draw.uniform(0.2, 0.7)
-    return _leaves(draw, _ball(draw, count, low, 1.0, hollow=hollow), 0.11)
+    return _leaves(draw, _ball(draw, count, low, hollow=hollow), 0.11)
 
 
 def _hedge(draw: np.random.Generator) -> Mesh:
