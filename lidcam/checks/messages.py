@@ -53,26 +53,22 @@ class LidarCheck:
 
     def add_frame(self, frame: FrameResult) -> None:
         """Add one frame."""
-        bad = {drop.topic for drop in frame.drops if not drop.parts}
+        bad, index = {drop.topic for drop in frame.drops if not drop.parts}, frame.bundle.index
         for topic, message in frame.bundle.messages.items():
             name = self._lidars.get(topic)
             if name is None:
                 continue
             self._messages[name] += 1
-            self._compare(message, name, frame.bundle.index)
+            before, was_repeated = self._last.get(name, (None, False))
+            is_repeated = repeats(message, before)
+            self._last[name] = message, is_repeated
+            if is_repeated and not was_repeated:
+                self._repeated.setdefault(name, []).append(index)
             if topic in bad:
                 self._bad[name] += 1
             elif not frame.combined.points_by_lidar.get(name, 0):
-                index = frame.bundle.index
                 count, first, _ = self._empty.get(name, (0, index, index))
                 self._empty[name] = (count + 1, first, index)
-
-    def _compare(self, message: RawMessage, name: str, index: int) -> None:
-        before, was_repeated = self._last.get(name, (None, False))
-        is_repeated = repeats(message, before)
-        self._last[name] = message, is_repeated
-        if is_repeated and not was_repeated:
-            self._repeated.setdefault(name, []).append(index)
 
     @property
     def warnings(self) -> Iterator[RunWarning]:
