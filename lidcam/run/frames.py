@@ -209,7 +209,8 @@ def repeats(message: RawMessage, before: RawMessage | None) -> bool:
     """Whether a message has the cloud or the image of the one before it, whatever its stamp."""
     if before is None or len(message.data) <= HEADER_BYTES:
         return False
-    return np.array_equal(*(np.frombuffer(one.data, np.uint8)[HEADER_BYTES:] for one in (message, before)))
+    one, other = (np.frombuffer(each.data, np.uint8)[HEADER_BYTES:] for each in (message, before))
+    return np.array_equal(one, other)
 
 
 def _once(
