@@ -42,6 +42,10 @@ ABOVE_PER_DISTANCE = 0.75
 ABOVE_WEIGHT = 0.1
 """Weight of such points."""
 
+MAX_EXTENT_PER_DISTANCE = 1.0
+"""Maximum height difference of the points of a fine cell of ground, as a multiple of `distance_m`: where there is more,
+and nothing near the last surface, something stands."""
+
 MAX_POINTS = 4.0
 """Fine cells of a cell that count: no cell pulls more than one full of ground."""
 
@@ -74,18 +78,18 @@ def find_relief(xyz_site: F32, lidar_origins_site: F64, plane: Plane, config: Gr
     middle = lidar_origins_site[:, :2].mean(axis=0)
     origin = middle - REACH_CELLS * cell_m
     side = 2 * REACH_CELLS + 1
-    xy, height = _lowest(xyz_site, middle, plane, origin, cell_m, config.distance_m)
+    xy, height, extents_m = _lowest(xyz_site, middle, plane, origin, cell_m, config.distance_m)
     xy = (xy - origin) / cell_m
     taps = [_taps(cells) for cells in (*(spread_cells for spread_cells, _ in ROUNDS), FILL_CELLS, TRUST_CELLS)]
     offsets_m = grown_surface(
         xy,
         height,
+        np.where(extents_m > MAX_EXTENT_PER_DISTANCE * config.distance_m, 0.0, ABOVE_WEIGHT),
         side,
         np.concatenate(taps),
         np.array([len(one) for one in taps]),
         np.array([reach * config.distance_m for _, reach in ROUNDS]),
         ABOVE_PER_DISTANCE * config.distance_m,
-        ABOVE_WEIGHT,
         MAX_POINTS,
         PRIOR_WEIGHT,
         FILL_WEIGHT,
@@ -93,11 +97,14 @@ def find_relief(xyz_site: F32, lidar_origins_site: F64, plane: Plane, config: Gr
     return Relief(origin, cell_m, offsets_m)
 
 
-def _lowest(xyz: F32, middle: F64, plane: Plane, origin: F64, cell_m: float, distance_m: float) -> tuple[F64, F64]:
-    """The middles of the fine cells that hold ground, perhaps (M, 2), and their lowest heights above the plane (M,)."""
+def _lowest(xyz: F32, middle: F64, plane: Plane, origin: F64, cell_m: float, distance_m: float) -> tuple[F64, F64, F64]:
+    """The middles of the fine cells that hold ground, perhaps (M, 2), and their lowest heights above the plane (M,).
+
+    The last value (M,) is how much higher their highest points are.
+    """
     fine_m = FINE_SHARE * cell_m
     side = round(2 * REACH_CELLS / FINE_SHARE)
-    cells, heights = lowest_heights(
+    cells, heights, extents_m = lowest_heights(
         np.ascontiguousarray(xyz.T),
         np.append(plane.normal, plane.offset_m).astype(np.float32),
         middle.astype(np.float32),
@@ -108,7 +115,7 @@ def _lowest(xyz: F32, middle: F64, plane: Plane, origin: F64, cell_m: float, dis
         MAX_SLOPE,
         LAYER_SHARE * distance_m,
     )
-    return origin + (np.stack([cells % side, cells // side], 1) + 0.5) * fine_m, heights
+    return origin + (np.stack([cells % side, cells // side], 1) + 0.5) * fine_m, heights, extents_m
 
 
 @cache

@@ -65,34 +65,35 @@ def lowest_heights(
     reach_m: float,
     slope: float,
     layer_m: float,
-) -> tuple[I64, F64]:
+) -> tuple[I64, F64, F64]:
     """(M,) the cells of a grid that hold points near a plane, and (M,) the mean height of the lowest of them above it.
 
-    Cells are counted from `origin` (2,) on, along x first, `side` of them along each axis, at most 46340. Points (3, N)
-    are near up to `reach_m` from the plane (4,), and `slope` more for each metre from the `middle` (2,) of the lidars.
-    The mean is that of points up to `layer_m` above the lowest of their cell.
+    The last value (M,) is how much higher the highest of them is. Cells are counted from `origin` (2,) on, along x
+    first, `side` of them along each axis, at most 46340. Points (3, N) are near up to `reach_m` from the plane
+    (4,), and `slope` more for each metre from the `middle` (2,) of the lidars. The mean is that of points up to
+    `layer_m` above the lowest of their cell.
     """
 
 def grown_surface(
     xy: F64,
     heights_m: F64,
+    standing_weights: F64,
     side: int,
     taps: F64,
     counts: I64,
     near_m: F64,
     standing_m: float,
-    standing_weight: float,
     max_weight: float,
     prior_weight: float,
     fill_weight: float,
 ) -> F64:
     """(side, side) a surface that grows from zero towards heights; where there are none, it goes on as it is nearby.
 
-    The heights (M,) are at `xy` (M, 2), in nodes. `taps` holds half a kernel of the smoothing of each round, from its
-    middle on, one after another, then that of the filling, and that of the borders of what is known; `counts`
+    The heights (M,) are at `xy` (M, 2), in nodes. `taps` holds half a kernel of the smoothing of each round, from
+    its middle on, one after another, then that of the filling, and that of the borders of what is known; `counts`
     (rounds + 2,) are their lengths. In a round, heights at most `near_m` (rounds,) from the surface pull it; those
-    farther above it than `standing_m` with `standing_weight` instead of 1. The weights of a node sum up to `max_weight`
-    at most; the last surface has `prior_weight`, and zero, where nothing is known, `fill_weight`.
+    farther above it than `standing_m` with their `standing_weights` (M,) instead of 1. The weights of a node sum up
+    to `max_weight` at most; the last surface has `prior_weight`, and zero, where nothing is known, `fill_weight`.
     """
 
 # clusters

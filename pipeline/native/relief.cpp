@@ -43,7 +43,7 @@ LIDCAM_HOT int64_t find_heights(const float *x, const float *y, const float *z, 
 nb::tuple lowest_heights(In2<float> points, In1<float> plane, In1<float> middle, In1<float> origin, float cell_m,
                          int64_t side, float reach_m, float slope, float layer_m) {
     std::vector<int64_t> found;
-    std::vector<double> means;
+    std::vector<double> means, extents;
     {
         nb::gil_scoped_release unlocked;
         const int64_t count = int64_t(points.shape(1));
@@ -57,7 +57,11 @@ nb::tuple lowest_heights(In2<float> points, In1<float> plane, In1<float> middle,
         for (int64_t j = 0; j < kept; j++) cells[j] -= first;
         const int64_t size = kept > 0 ? last - first + 1 : 0;  // of the part of the grid that holds points
         std::vector<float> lowest(size, std::numeric_limits<float>::infinity());
-        for (int64_t j = 0; j < kept; j++) lowest[cells[j]] = std::min(lowest[cells[j]], heights[j]);
+        std::vector<float> highest(size, -std::numeric_limits<float>::infinity());
+        for (int64_t j = 0; j < kept; j++) {
+            lowest[cells[j]] = std::min(lowest[cells[j]], heights[j]);
+            highest[cells[j]] = std::max(highest[cells[j]], heights[j]);
+        }
         std::vector<int32_t> counts(size);
         std::vector<double> sums(size);
         for (int64_t j = 0; j < kept; j++) {
@@ -70,9 +74,10 @@ nb::tuple lowest_heights(In2<float> points, In1<float> plane, In1<float> middle,
             if (counts[cell] == 0) continue;
             found.push_back(first + cell);
             means.push_back(sums[cell] / counts[cell]);
+            extents.push_back(highest[cell] - lowest[cell]);
         }
     }
-    return nb::make_tuple(numpy_of(found), numpy_of(means));
+    return nb::make_tuple(numpy_of(found), numpy_of(means), numpy_of(extents));
 }
 
 // Writes sums of values, weighted by taps: sum i is about value i + stride x (taps to one side).
@@ -104,9 +109,9 @@ void smooth(const std::vector<double> &values, int64_t height, int64_t width, co
     find_sums(smoothed.data() + begin, lines.data(), rows * line, 1, taps, reach);
 }
 
-nb::object grown_surface(In2<double> xy, In1<double> heights_m, int64_t side, In1<double> all_taps, In1<int64_t> counts,
-                         In1<double> near_m, double standing_m, double standing_weight, double max_weight,
-                         double prior_weight, double fill_weight) {
+nb::object grown_surface(In2<double> xy, In1<double> heights_m, In1<double> standing_weights, int64_t side, In1<double> all_taps, In1<int64_t> counts,
+                         In1<double> near_m, double standing_m, double max_weight, double prior_weight,
+                         double fill_weight) {
     Out<double> offsets_m({size_t(side), size_t(side)});
     const int64_t count = int64_t(xy.shape(0)), rounds = int64_t(near_m.shape(0));
     if (count > 0) {
@@ -150,7 +155,7 @@ nb::object grown_surface(In2<double> xy, In1<double> heights_m, int64_t side, In
                 const double far = second[0] * (1 - east[i]) + second[1] * east[i];
                 const double above = heights_m.data()[i] - (near * (1 - north[i]) + far * north[i]);
                 if (std::abs(above) <= near_m.data()[k]) {
-                    const double pull = above > standing_m ? standing_weight : 1.0;
+                    const double pull = above > standing_m ? standing_weights.data()[i] : 1.0;
                     weights[nodes[i]] += pull;
                     means[nodes[i]] += pull * above;
                 }
@@ -194,9 +199,8 @@ nb::object grown_surface(In2<double> xy, In1<double> heights_m, int64_t side, In
 }
 
 void add(nb::module_ &kernels) {
-    kernels.def("grown_surface", &grown_surface, array("xy"), array("heights_m"), nb::arg("side"), array("taps"),
-                array("counts"), array("near_m"), nb::arg("standing_m"), nb::arg("standing_weight"),
-                nb::arg("max_weight"), nb::arg("prior_weight"), nb::arg("fill_weight"));
+    kernels.def("grown_surface", &grown_surface, array("xy"), array("heights_m"), array("standing_weights"), nb::arg("side"), array("taps"),
+                array("counts"), array("near_m"), nb::arg("standing_m"), nb::arg("max_weight"), nb::arg("prior_weight"), nb::arg("fill_weight"));
     kernels.def("lowest_heights", &lowest_heights, array("points"), array("plane"), array("middle"), array("origin"),
                 nb::arg("cell_m"), nb::arg("side"), nb::arg("reach_m"), nb::arg("slope"), nb::arg("layer_m"));
 }

@@ -68,6 +68,13 @@ def test_what_stands_on_the_ground_does_not_lift_it() -> None:
     assert np.abs(errors(relief, lambda xy: 0 * xy[:, 0], within_m=35.0)).max() <= 0.1
 
 
+def test_what_stands_where_no_ground_is_seen_does_not_lift_it() -> None:
+    ground = rings(lambda xy: 0 * xy[:, 0])
+    rears = [box(36.0, y, 0.3, 1.4, length=0.2) for y in np.arange(-12.0, 12.0, 3.0)]
+    relief = find_relief(np.concatenate([ground[np.linalg.norm(ground, axis=1) < 28], *rears]), LIDAR, FLAT, CONFIG)
+    assert np.abs(relief.offset_m(np.array([[37.0, y] for y in range(-12, 12)]))).max() <= 0.05
+
+
 def test_a_tilted_plane_and_stray_points_below_it() -> None:
     normal = np.array([-0.06, 0.02, 1.0])
     plane = Plane(normal / np.linalg.norm(normal), 0.5)
