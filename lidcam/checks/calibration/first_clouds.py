@@ -1,9 +1,12 @@
-"""Extrinsics that the first cloud of each lidar contradicts: inverted or tilted lidars, cameras that see no point.
+"""Calibration that the first cloud of each lidar contradicts: stamps, inverted or tilted lidars, pointless cameras.
 
 A pose stored the wrong way round puts a lidar as far below the site as it is above it, so the height of the ground
 below each lidar is compared with the rig's ground height, else with that of most other lidars. If the mount of a lidar
 that looks aside was forgotten, its ground is tilted in the site while that of another lidar is level; if that of one
 that hangs upside down was, its ground is above it. A wrong heading leaves the ground as it is and is not found here.
+
+No cloud is recorded before its last point was measured: then its stamp is not that from which its points' times count.
+Log times before the stamps, or equal to them, are those of a converter or of another clock, and tell nothing.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,7 +19,7 @@ from lidcam.pipeline.core.clouds import Plane, PointCloud
 from lidcam.pipeline.core.frame import SensorBundle
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.rig import CameraSensor, Rig
+from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.combine import CombineConfig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.filters.ground import find_ground
@@ -39,6 +42,9 @@ MIN_GROUND_OFFSET = 3.0
 MAX_TILT_DEG = 65.0
 """Maximum tilt of a floor in the site; anything steeper is a wall."""
 
+MAX_EARLY_NS = 10_000_000
+"""Longest time by which a cloud may be recorded before its last point was measured, nanoseconds: clocks differ."""
+
 TURNED_OVER = np.diag([1.0, -1.0, -1.0, 1.0])
 """Half a turn about x, which a lidar that hangs upside down has."""
 
@@ -49,8 +55,9 @@ class FirstClouds:
     def __init__(self, rig: Rig, config: Config) -> None:
         self._rig, self._config = rig, config.combine
         self._decode = CloudDecoder(rig, config, on_bad="skip")
-        self._missing = {lidar.topic: lidar.name for lidar in rig.lidars}
+        self._missing = {lidar.topic: lidar for lidar in rig.lidars}
         self._clouds: dict[str, PointCloud] = {}
+        self._early: list[RunWarning] = []
 
     def add_messages(self, messages: Iterable[RawMessage]) -> None:
         """Decode messages of lidars whose first cloud is still missing; others are ignored."""
@@ -61,14 +68,15 @@ class FirstClouds:
                     if len(cloud):
                         stride = -(-len(cloud) // MAX_POINTS)
                         self._clouds[name] = cloud.select(np.arange(0, len(cloud), stride)) if stride > 1 else cloud
-                        del self._missing[message.topic]
+                        lidar = self._missing.pop(message.topic)
+                        if warning := early_cloud(lidar, cloud, message.log_time_ns - message.stamp_ns):
+                            self._early.append(warning)
 
     @property
     def lidar_warnings(self) -> tuple[RunWarning, ...]:
-        """Warnings of lidars whose extrinsics look inverted, else of those that look tilted."""
-        return inverted_lidars(self._rig, self._config, self._clouds) or tilted_lidars(
-            self._rig, self._config, self._clouds
-        )
+        """Warnings of lidars with wrong stamps, and of those whose extrinsics look inverted, else tilted."""
+        arguments = self._rig, self._config, self._clouds
+        return (*self._early, *(inverted_lidars(*arguments) or tilted_lidars(*arguments)))
 
     @property
     def camera_warnings(self) -> tuple[RunWarning, ...]:
@@ -81,6 +89,19 @@ class FirstClouds:
             for name, cloud in self._clouds.items()
         ]
         return pointless_cameras(self._rig, np.concatenate(parts))
+
+
+def early_cloud(lidar: LidarSensor, cloud: PointCloud, delay_ns: int) -> RunWarning | None:
+    """The warning of a lidar whose cloud was recorded, `delay_ns` after its stamp, before its last point was measured.
+
+    A time offset in the rig is believed.
+    """
+    early_ns = int(cloud.time_offset_ns.max()) - delay_ns
+    if delay_ns <= 0 or early_ns <= MAX_EARLY_NS or lidar.time_offset_ns:
+        return None
+    finding = f"its first cloud was recorded {early_ns / 1e6:.0f} ms before its last point was measured"
+    remedy = "if its points' times do not count from its stamp, give the difference as time_offset_ms in a rig file"
+    return RunWarning(lidar.name, finding, remedy)
 
 
 def pointless_cameras(rig: Rig, xyz_site: F64) -> tuple[RunWarning, ...]:

@@ -9,7 +9,7 @@ from frames import RIG
 from lidar_scene import point_cloud
 from scipy.spatial.transform import Rotation
 
-from lidcam.checks.calibration.first_clouds import inverted_lidars, pointless_cameras, tilted_lidars
+from lidcam.checks.calibration.first_clouds import early_cloud, inverted_lidars, pointless_cameras, tilted_lidars
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import LidarSensor, Rig
@@ -90,6 +90,29 @@ def test_a_lidar_whose_mount_was_forgotten(turned_deg: list[float], tilt: str | 
     told = [f"its ground is tilted by {tilt} degrees in the site, and that of a is level"] if tilt else []
     assert [warning.finding for warning in found] == told
     assert tilted_lidars(replace(RIG, lidars=(given,)), CombineConfig(), clouds) == (), "nobody to compare it with"
+
+
+@pytest.mark.parametrize(
+    ("delay_ms", "first_ms", "set_ms", "early_ms"),
+    [
+        (108, 0, 0, None),  # stamped at the start of the sweep
+        (8, -100, 0, None),  # at its end
+        (58, 0, 0, "42"),  # in the middle, and times count from the start
+        (8, 0, 0, "92"),
+        (8, 0, 100, None),  # the rig says so
+        (95, 0, 0, None),  # clocks differ
+        (0, 0, 0, None),  # converted: the log time is the stamp
+        (-5000, 0, 0, None),  # the clock is ahead
+    ],
+)
+def test_clouds_recorded_before_their_last_point(
+    delay_ms: int, first_ms: int, set_ms: int, early_ms: str | None
+) -> None:
+    times_ns = (1e6 * np.linspace(first_ms, first_ms + 100, 50)).astype(np.int32)
+    cloud = replace(point_cloud(np.ones((50, 3))), time_offset_ns=times_ns, has_time=True)
+    found = early_cloud(replace(lidar("a"), time_offset_ns=set_ms * 10**6), cloud, delay_ms * 10**6)
+    told = f"its first cloud was recorded {early_ms} ms before its last point was measured" if early_ms else None
+    assert (found and found.finding) == told
 
 
 @pytest.mark.parametrize("names", ["a", "ab"])
