@@ -26,6 +26,8 @@ MAX_SENSORS_NAMED = 10
 MIN_LATE_SHARE = 0.1
 """Minimum share of late messages of a sensor that is named; single ones are late at start-up or on a busy recorder."""
 
+MIN_STALLED, MIN_STALLED_SHARE = 5, 0.7
+"""Minimum number and share of stamps that hardly advance of a topic that is named."""
 
 WITHOUT_PARTNER = DropReason.LEFT_OUT, DropReason.TOO_FAR
 """Drop reasons of sweeps for which another lidar has no sweep."""
@@ -39,6 +41,7 @@ def sync_warnings(
 ) -> Iterator[RunWarning]:
     """Findings in the stamps of sensors, in a run as in an inspection: jumps, silence, reasons for absence."""
     yield from jump_warnings(clocks.jumps, start_ns=source.recording.start_ns)
+    yield from stalled_warnings(clocks.stalled, source.rig)
     yield from apart_warnings(missing) or silence_warnings(missing)
     counts = {(drop.topic, drop.reason): drop.count for drop in drops}
     yield from (late_warnings(counts, stats.received, source.rig) or absence_warnings(missing, dropped_by_topic(drops)))
@@ -61,6 +64,18 @@ def clock_notes(clocks: Clocks, sensors: Mapping[str, str]) -> list[str]:
         return []
     some = listed(names, MAX_SENSORS_NAMED)
     return [f"{some}: all stamps are 0, so the times at which the messages were recorded are used"]
+
+
+def stalled_warnings(stalled: Mapping[str, tuple[int, int]], rig: Rig) -> Iterator[RunWarning]:
+    """One for each topic most of whose stamps hardly advance: set once, in whole seconds or in another unit.
+
+    Parts of a sweep may have one stamp.
+    """
+    for topic, (count, steps) in stalled.items():
+        if count >= max(MIN_STALLED, MIN_STALLED_SHARE * steps):
+            finding = f"{count} of {steps + 1} stamps hardly advance on the one before"
+            remedy = "frames and speeds cannot be right: correct the stamps, or set all to 0 to use log times"
+            yield RunWarning(rig.sensor_of_topic.get(topic, topic), finding, remedy)
 
 
 def late_warnings(drops: Mapping[tuple[str, str], int], received: Mapping[str, int], rig: Rig) -> list[RunWarning]:

@@ -25,6 +25,9 @@ MAX_FIRST_DELAY_NS = 10_000_000_000
 DELAYS = 5
 """Number of delays kept per topic; the minimum is its usual one."""
 
+MIN_PACE = 0.02
+"""Minimum step of a stamp, as a share of the time until its message was recorded; slow simulations have 0.1."""
+
 NO_TIME = "its stamp cannot be a time"
 NO_LOG_TIME = "its log time cannot be a time"
 ZERO = "its stamp is 0"
@@ -51,6 +54,8 @@ class _Clock:
     delays_ns: deque[int] = field(default_factory=lambda: deque(maxlen=DELAYS))  # Delays of its last good messages
     held: RawMessage | None = None  # A message that the next one decides on
     is_unstamped: bool = False  # Whether its stamps are all 0
+    steps: int = 0  # Number of steps from one good message to the next
+    stalled: int = 0  # Number of those in which its stamps hardly advanced
 
     def is_sound(self, message: RawMessage) -> bool:
         """Whether a message neither goes back nor is further ahead of the recorder than those before it."""
@@ -61,8 +66,13 @@ class _Clock:
 
     def take(self, message: RawMessage) -> None:
         """Take note of a good message."""
+        delay_ns = message.log_time_ns - message.stamp_ns
+        if self.last_ns is not None and self.delays_ns:
+            step_ns = message.stamp_ns - self.last_ns
+            self.steps += 1
+            self.stalled += abs(step_ns) < MIN_PACE * (step_ns + delay_ns - self.delays_ns[-1])
         self.last_ns = message.stamp_ns
-        self.delays_ns.append(message.log_time_ns - message.stamp_ns)
+        self.delays_ns.append(delay_ns)
 
 
 class Clocks:
@@ -95,6 +105,11 @@ class Clocks:
         self._part = 0
         self.jumps: list[TimeJump] = []
         self.unstamped: dict[str, None] = {}
+
+    @property
+    def stalled(self) -> dict[str, tuple[int, int]]:
+        """By topic: number of steps in which its stamps hardly advanced though its messages did, and of all steps."""
+        return {topic: (clock.stalled, clock.steps) for topic, clock in self._clocks.items() if clock.stalled}
 
     def parts(self, messages: Iterable[RawMessage]) -> Iterator[Iterator[RawMessage]]:
         """The messages with corrected stamps, split where time jumps back; each part is to be read before the next.

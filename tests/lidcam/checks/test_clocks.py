@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from frames import RIG
 
-from lidcam.checks.clocks import clock_notes, jump_warnings, late_warnings, slower_warnings
+from lidcam.checks.clocks import clock_notes, jump_warnings, late_warnings, slower_warnings, stalled_warnings
 from lidcam.pipeline.stages.sync.clocks import Clocks, TimeJump
 from lidcam.pipeline.stages.sync.drop_reason import DropReason
 
@@ -49,6 +49,11 @@ def test_sensors_that_are_mostly_late_are_named(drops: dict[tuple[str, str], int
     warnings = late_warnings(drops, {"/lidar2": 100, "/left/image": 100}, RIG)
     assert [warning.subject for warning in warnings] == sensors
     assert all("sync.queue_size" in warning.remedy for warning in warnings)
+
+
+def test_topics_whose_stamps_hardly_advance_are_named() -> None:
+    stalled = {"/lidar1": (29, 29), "/left/image": (15, 29), "/odom": (40, 50), "/right/image": (4, 4)}
+    assert [warning.subject for warning in stalled_warnings(stalled, RIG)] == ["lidar1", "/odom"]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Impossible stamps are dropped alone, jumps of time split the recording, and nothing else is touched."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import pytest
 from hypothesis import given
@@ -167,6 +167,23 @@ def test_what_is_sound_stays_in_one_part(recorded: list[Recorded]) -> None:
     assert of(part, "a") == stamps(recorded, "a")
     assert not drops
     assert not clocks.jumps
+
+
+@pytest.mark.parametrize(
+    ("stamp_s", "stalled"),
+    [
+        (lambda k: k / 10, 0),
+        (lambda k: 5.0 + 0 * k, 29),  # set once
+        (lambda k: k // 10, 27),  # without nanoseconds
+        (lambda k: k // 10 + k % 10 / 1e4, 27),  # microseconds as nanoseconds
+        (lambda k: k / 100, 0),  # a slow simulation
+        (lambda k: k // 2 / 5, 15),  # two parts of a sweep
+    ],
+)
+def test_stamps_that_hardly_advance_are_counted(stamp_s: Callable[[int], float], stalled: int) -> None:
+    _, drops, clocks = run([("a", stamp_s(k), k / 10 + 0.05) for k in range(30)])
+    assert clocks.stalled == ({"a": (stalled, 29)} if stalled else {})
+    assert not drops
 
 
 def test_a_recording_that_was_played_in_a_loop_is_split_at_each_turn() -> None:
