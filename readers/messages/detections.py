@@ -25,6 +25,7 @@ from lidcam.pipeline.core.detections import Boxes2D
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.ros.vision_numbers import MAX_DIGITS, count_of
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
+from lidcam.pipeline.core.text import one_line
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN
 from lidcam.readers.messages.decoding import decoder
 from lidcam.readers.messages.deserialize import deserialize_as, pose_numbers
@@ -139,7 +140,7 @@ def decode_detections2d(
         class_id = classes.id_of(label)
         class_id = other_class_id if class_id is None else class_id
         if class_id is None:
-            unused[f"class {label!r} is not configured"] += 1
+            unused[f"class {one_line(label, max_characters=40)!r} is not configured"] += 1
         elif not has_area[row]:
             unused["box without an area or not finite"] += 1
         else:

@@ -18,6 +18,7 @@ from lidcam.pipeline.core.geometry.posed_boxes import PosedBoxes
 from lidcam.pipeline.core.geometry.rotations import matrix_of_quaternion
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
+from lidcam.pipeline.core.text import one_line
 from lidcam.pipeline.core.tracks import NO_TRACK, Tracks
 from lidcam.pipeline.detectors.onnx.class_names import COCO_LABELS
 from lidcam.readers.messages.decoding import decoder
@@ -97,7 +98,7 @@ def found_objects(
         if label is None or not np.isfinite(scores[row]):
             unused["no class with a score"] += 1
         elif class_id is None:
-            unused[f"class {label.strip()!r} is not configured"] += 1
+            unused[f"class {one_line(label, max_characters=40)!r} is not configured"] += 1
         elif not is_solid[row]:
             unused["box without a volume, or out of all bounds"] += 1
         elif not is_turned[row]:

@@ -60,6 +60,7 @@ def test_what_is_left_out_is_counted() -> None:
         detection(("dog", 0.9)),
         detection(("car", 97.0)),
         detection(("dog", 0.8), ("car", 0.1)),
+        detection(("7" * 5000, 0.9)),
         detection(),
         detection(("car", math.nan)),
         detection(("car", 0.9), bbox=box(math.nan, 1, 2, 3)),
@@ -75,6 +76,7 @@ def test_what_is_left_out_is_counted() -> None:
     assert len(decode().boxes) == 0
     assert list(found.unused.items()) == [
         ("box without an area or not finite", 7),
+        (f"class '{'7' * 40}' is not configured", 1),
         ("class 'dog' is not configured", 2),
         ("no class with a score", 2),
     ]
