@@ -33,9 +33,10 @@ def is_off(delay_ns: int, usual_ns: int) -> bool:
     return not -MAX_AHEAD_NS <= delay_ns - usual_ns <= MAX_BEHIND_NS
 
 
-def is_unstamped(recording: Recording, topic: str) -> bool:
-    """Whether all stamps of a topic are 0: the times at which its messages were recorded are used."""
-    return not any(message.stamp_ns for message in islice(recording.messages([topic]), CHECKED))
+def stamped_delay_ns(recording: Recording, topic: str) -> int | None:
+    """The delay of the first message with a stamp; None if the first stamps are all 0, and log times are used."""
+    first = islice(recording.messages([topic]), CHECKED)
+    return next((message.log_time_ns - message.stamp_ns for message in first if message.stamp_ns), None)
 
 
 def clock_offsets(recording: Recording, delays_ns: Mapping[str, int], usual_ns: int) -> dict[str, int]:
@@ -46,7 +47,7 @@ def clock_offsets(recording: Recording, delays_ns: Mapping[str, int], usual_ns: 
     offsets_ns: dict[str, int] = {}
     for topic in [topic for topic, delay_ns in delays_ns.items() if is_off(delay_ns, usual_ns)]:
         first = islice(recording.messages([topic]), CHECKED)
-        delays = np.array([message.log_time_ns - message.stamp_ns for message in first], np.int64)
+        delays = np.array([message.log_time_ns - message.stamp_ns for message in first if message.stamp_ns], np.int64)
         if np.ptp(delays) <= MAX_AHEAD_NS:
             offsets_ns[topic] = usual_ns - int(np.sort(delays)[len(delays) // 2])
     return offsets_ns

@@ -21,7 +21,7 @@ from lidcam.readers.rig.calibration import (
     calibrate_lidar,
     camera_frame,
 )
-from lidcam.readers.rig.clocks import clock_note, clock_offsets, is_unstamped, usual_delay_ns
+from lidcam.readers.rig.clocks import clock_note, clock_offsets, stamped_delay_ns, usual_delay_ns
 from lidcam.readers.rig.detectors import calibrated_detectors
 from lidcam.readers.rig.schema import RigFile
 from lidcam.readers.rig.search import FoundSensors, find_sensors
@@ -181,9 +181,9 @@ def _with_clocks_set(rig: Rig, found: FoundSensors) -> tuple[Rig, int, list[str]
     topics = {lidar.name: (lidar.topic, CLOUD) for lidar in rig.lidars}
     topics |= {one.name: (one.topic, IMAGE) if one.topic else (one.boxes_topic, BOXES) for one in rig.cameras}
     known = {topic: found.first.delay_ns(topic, types) for name, (topic, types) in topics.items() if name not in given}
+    known |= {topic: stamped_delay_ns(found.recording, topic) for topic, delay_ns in known.items() if delay_ns is None}
     delays_ns = {topic: delay_ns for topic, delay_ns in known.items() if delay_ns is not None}
-    unstamped = [topic for topic in known if topic not in delays_ns and is_unstamped(found.recording, topic)]
-    usual_ns = usual_delay_ns([*delays_ns.values(), *(0 for _ in unstamped)])
+    usual_ns = usual_delay_ns(delay_ns or 0 for delay_ns in known.values())
     offsets_ns = clock_offsets(found.recording, delays_ns, usual_ns)
     moved = {name: offsets_ns[topic] for name, (topic, _) in topics.items() if topic in offsets_ns}
     lidars = tuple(replace(one, time_offset_ns=moved.get(one.name, one.time_offset_ns)) for one in rig.lidars)

@@ -112,7 +112,8 @@ def with_stamps(
         (3, {"topic": "/cam1/image_raw", **LATER}, "cam1 is in no frame with the others"),
         (2, {"topic": "/cam1/image_raw", **LATER}, ""),  # by chance
         (12, {"topic": "/rear/points", **LATER}, "rear is in no frame with the others"),
-        (12, {"topic": "/front/points", "shift_ns": 0, "begin_s": 0.0}, "front is in none of the 12 frames"),
+        (12, {"topic": "/front/points", "shift_ns": 0, "begin_s": 0.0}, ""),
+        (12, {"topic": "/front/points", "shift_ns": 0, "begin_s": 77.0}, ""),
     ],
 )
 def test_inspect_and_process_judge_alike(

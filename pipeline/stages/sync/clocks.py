@@ -134,7 +134,7 @@ class Clocks:
                 yield from self._released()
                 self._begin_part(TimeJump("log times", clock.log_time_ns, clock.log_time_ns - message.log_time_ns))
             clock.log_time_ns = message.log_time_ns
-            if _lacks_stamp(message):
+            if _lacks_stamp(message, clock.offset_ns):
                 found = self._unstamped(clock, message)
             else:
                 found = self._stamped(clock, message._replace(stamp_ns=message.stamp_ns - clock.offset_ns))
@@ -169,7 +169,8 @@ class Clocks:
 
     def _stamped(self, clock: _Clock, message: RawMessage) -> list[RawMessage]:
         held, clock.held = clock.held, None
-        if held is not None and held.stamp_ns == 0 and (clock.offset_ns or not _agree(held, message)):
+        is_zero = held is not None and held.stamp_ns in {0, -clock.offset_ns}
+        if held is not None and is_zero and ((held.stamp_ns == 0 and clock.offset_ns) or not _agree(held, message)):
             self._on_start(_far_off(held, ZERO))
             held = None
         clock.is_unstamped = False
@@ -238,7 +239,7 @@ class Clocks:
             held, clock.held = clock.held, None
             if held is None:
                 continue
-            if _lacks_stamp(held):
+            if _lacks_stamp(held, clock.offset_ns):
                 self.unstamped[held.topic] = None
                 yield self._part, _at_log_time(held, clock.offset_ns)
             elif clock.is_sound(held):
@@ -261,15 +262,15 @@ def _not_a_time(message: RawMessage, offset_ns: int) -> Drop | None:
     """The drop of a message with a stamp or log time that cannot be a time; None for all others."""
     if fault := time_fault(message.log_time_ns):
         return Drop(message.topic, message.stamp_ns, NO_LOG_TIME, f"{message.topic}: log time {fault}")
-    stamp_ns = message.log_time_ns if _lacks_stamp(message) else message.stamp_ns
+    stamp_ns = message.log_time_ns if _lacks_stamp(message, offset_ns) else message.stamp_ns
     if fault := time_fault(stamp_ns - offset_ns):
         return Drop(message.topic, message.stamp_ns, NO_TIME, f"{message.topic}: stamp {fault}")
     return None
 
 
-def _lacks_stamp(message: RawMessage) -> bool:
-    """Whether a stamp of 0 means none: simulated time begins at 0."""
-    return message.stamp_ns == 0 and message.log_time_ns > JUMP_NS
+def _lacks_stamp(message: RawMessage, offset_ns: int) -> bool:
+    """Whether a stamp of 0 means none: simulated time begins at 0, and so does a clock that was not set."""
+    return message.stamp_ns == 0 and message.log_time_ns > JUMP_NS and abs(offset_ns) <= MAX_FIRST_DELAY_NS
 
 
 def _at_log_time(message: RawMessage, offset_ns: int) -> RawMessage:

@@ -53,10 +53,12 @@ def test_offset_of_a_steady_clock(behind_s: list[float], offset_s: float | None)
     assert found == ({} if offset_s is None else {"/a": pytest.approx(offset_s * S, abs=S // 50)})
 
 
-def test_a_clock_beside_sensors_without_stamps() -> None:
-    """Of those, the times at which messages were recorded are used."""
+@pytest.mark.parametrize("first_ns", [None, 0])
+def test_a_clock_beside_sensors_without_stamps(first_ns: int | None) -> None:
+    """Of those, the times at which messages were recorded are used; a first stamp of 0 is none."""
     images = [at(image_message("/cam/image_raw", "cam"), row, behind_ns=0)._replace(stamp_ns=0) for row in range(5)]
     clouds = [at(cloud("/points"), row, behind_ns=BOOT_NS) for row in range(5)]
+    clouds[0] = clouds[0] if first_ns is None else clouds[0]._replace(stamp_ns=first_ns)
     file = RigFile.model_validate({"site_frame": "lidar", "cameras": {"cam": {"T_camera_site": EXTRINSICS}}})
     messages = [at(info("/cam/camera_info", "cam"), 0, behind_ns=0), *images, *clouds]
     (lidar,) = discover_rig(MemoryRecording(messages), Config(), file).rig.lidars
