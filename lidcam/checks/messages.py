@@ -12,7 +12,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.combine import GroundConfig
 from lidcam.readers.recording import Recording
-from lidcam.run.frames import repeats
+from lidcam.run.frames import HEADER_BYTES, repeats
 from lidcam.run.warning import RunWarning
 
 
@@ -34,17 +34,27 @@ MIN_REPEATED, MIN_REPEATED_SHARE = 3, 0.1
 """Minimum number and share of a lidar's messages that have the points of the one before, but not of that before it."""
 
 
+MIN_FROZEN = 10
+"""Minimum number of these in a row, while another sensor sees changes, of a lidar that is named."""
+
+OLD = "what they show is old, and objects are in the wrong place; check its driver and its connection"
+
+
 class LidarCheck:
     """Counts each lidar's messages without points over a run, and those with the points of the one before.
 
-    A simulator without noise sees a still scene the same again and again: a row of such messages counts once. Those of
-    a rig that is known to have moved are no part of frames.
+    A simulator without noise sees a still scene the same again and again: a row of such messages counts once, unless
+    another sensor sees changes for long. Those of a rig that is known to have moved are no part of frames.
     """
 
     def __init__(self, rig: Rig) -> None:
         self._lidars = {lidar.topic: lidar.name for lidar in rig.lidars}
-        # By lidar: the last message, and whether it was a repeated one; frames with the first of some repeated ones
-        self._last: dict[str, tuple[RawMessage, bool]] = {}
+        self._sensors = {*self._lidars, *(camera.topic for camera in rig.cameras)}
+        self._last: dict[str, RawMessage] = {}  # By topic
+        # By lidar: repeated messages in a row, and those of them while another sensor saw a change; the most of the
+        # latter, and the frame with the last of them; frames with the first of some repeated ones
+        self._row: dict[str, tuple[int, int]] = {}
+        self._frozen: dict[str, tuple[int, int]] = {}
         self._repeated: dict[str, list[int]] = {}
         self._messages: Counter[str] = Counter()
         self._bad: Counter[str] = Counter()
@@ -54,21 +64,28 @@ class LidarCheck:
     def add_frame(self, frame: FrameResult) -> None:
         """Add one frame."""
         bad, index = {drop.topic for drop in frame.drops if not drop.parts}, frame.bundle.index
-        for topic, message in frame.bundle.messages.items():
+        messages = {topic: one for topic, one in frame.bundle.messages.items() if topic in self._sensors}
+        shown = [topic for topic in messages if topic in self._last and len(messages[topic].data) > HEADER_BYTES]
+        is_same = {topic: repeats(messages[topic], self._last[topic]) for topic in shown}
+        self._last |= messages
+        for topic in messages:
             name = self._lidars.get(topic)
             if name is None:
                 continue
             self._messages[name] += 1
-            before, was_repeated = self._last.get(name, (None, False))
-            is_repeated = repeats(message, before)
-            self._last[name] = message, is_repeated
-            if is_repeated and not was_repeated:
-                self._repeated.setdefault(name, []).append(index)
+            self._count_repeats(name, index, is_repeated=is_same.get(topic, False), is_still=all(is_same.values()))
             if topic in bad:
                 self._bad[name] += 1
             elif not frame.combined.points_by_lidar.get(name, 0):
                 count, first, _ = self._empty.get(name, (0, index, index))
                 self._empty[name] = (count + 1, first, index)
+
+    def _count_repeats(self, name: str, index: int, *, is_repeated: bool, is_still: bool) -> None:
+        row, changing = self._row.get(name, (0, 0))
+        if is_repeated and not row:
+            self._repeated.setdefault(name, []).append(index)
+        self._row[name] = (row + 1, changing + (not is_still)) if is_repeated else (0, 0)
+        self._frozen[name] = max(self._frozen.get(name, (0, 0)), (self._row[name][1], index))
 
     @property
     def warnings(self) -> Iterator[RunWarning]:
@@ -85,8 +102,10 @@ class LidarCheck:
                 yield RunWarning(name, f"{empty} of {total} {without}, in frames {first} to {last}", remedy)
             elif len(frames := self._repeated.get(name, [])) >= max(MIN_REPEATED, MIN_REPEATED_SHARE * total):
                 finding = f"{len(frames)} of {total} messages have the points of the one before under a new stamp"
-                old = "what they show is old, and objects are in the wrong place; check its driver and its connection"
-                yield RunWarning(name, f"{finding}, in frames {frames[0]} to {frames[-1]}", old)
+                yield RunWarning(name, f"{finding}, in frames {frames[0]} to {frames[-1]}", OLD)
+            elif (frozen := self._frozen[name])[0] >= max(MIN_FROZEN, MIN_REPEATED_SHARE * total):
+                finding = f"{frozen[0]} messages in a row, to frame {frozen[1]}, have the points of the one before"
+                yield RunWarning(name, finding, f"unless it is a still scene of a simulator without noise, {OLD}")
 
 
 MIN_GROUNDLESS, MIN_GROUNDLESS_SHARE = 2, 0.1

@@ -59,23 +59,35 @@ def test_lidars_without_a_point_are_named(frames: list[FrameResult], told: list[
     assert [*map(str, check.warnings)] == [f"{one}; {remedy}" for one, remedy in zip(told, remedies, strict=True)]
 
 
+STILL = "a" * 12
+FROZEN = "10 messages in a row, to frame 11, have the points of the one before"
+
+
 @pytest.mark.parametrize(
-    ("clouds", "told"),
+    ("clouds", "others", "told"),
     [
-        ("abcdefgh", ""),
-        ("abbcdeefghhi", "3 of 12 messages have the points of the one before under a new stamp, in frames 2 to 10"),
-        ("abbcdefghiijkl", ""),  # twice
-        ("abcdddddefgh", ""),  # a simulated scene without noise may be still for a while
-        ("aaaaaaaaaaaa", ""),
+        ("abcdefgh", {}, ""),
+        ("abbcdeefghhi", {}, "3 of 12 messages have the points of the one before under a new stamp, in frames 2 to 10"),
+        ("abbcdefghiijkl", {}, ""),  # twice
+        ("abcdddddefgh", {}, ""),  # a simulated scene without noise may be still for a while
+        (STILL, {"/lidar1": STILL, "/left/image": STILL}, ""),
+        (STILL, {"/lidar1": "abcdefghiiii"}, ""),  # for less than ten messages
+        ("abbbbbbbbbbb", {"/lidar1": "abcdefghijkl"}, FROZEN),
+        ("abbbbbbbbbbb", {"/left/image": "abcdefghijkl"}, FROZEN),
     ],
 )
-def test_lidars_that_repeat_clouds_of_a_changing_scene_are_named(clouds: str, told: str) -> None:
+def test_lidars_that_repeat_clouds_of_a_changing_scene_are_named(
+    clouds: str, others: dict[str, str], told: str
+) -> None:
     check = LidarCheck(RIG)
-    for index, points in enumerate(clouds):
+    for index in range(len(clouds)):
         result = measured({"lidar1": 5, "lidar2": 5}, index)
-        messages = result.bundle.messages
-        message = messages["/lidar2"]._replace(data=bytes([index] * 12) + b"\0" * 20 + points.encode())
-        check.add_frame(replace(result, bundle=replace(result.bundle, messages={**messages, "/lidar2": message})))
+        contents = {topic: row[index].encode() for topic, row in {"/lidar2": clouds, **others}.items()}
+        messages = {
+            topic: message._replace(data=bytes([index] * 12) + b"\0" * 20 + contents.get(topic, b""))
+            for topic, message in result.bundle.messages.items()
+        }
+        check.add_frame(replace(result, bundle=replace(result.bundle, messages=messages)))
     assert [f"{one.subject}: {one.finding}" for one in check.warnings] == [f"lidar2: {told}"] * bool(told)
 
 
