@@ -53,7 +53,11 @@ class _Pose(NamedTuple):
 
 
 def coarse_pose_warning(
-    camera: CameraSensor, others: Sequence[CameraSensor], frames: Sequence[BoxFrame], lasting: float, lidar_xyz: F64
+    camera: CameraSensor,
+    others: Sequence[CameraSensor],
+    frames: Sequence[BoxFrame],
+    lasting: Sequence[BoxFrame],
+    lidar_xyz: F64,
 ) -> RunWarning | None:
     """The warning of a camera whose pose fits badly, with the pose that fits; None if it fits or too little was seen.
 
@@ -61,7 +65,7 @@ def coarse_pose_warning(
         camera: As calibrated.
         others: The other cameras of the rig.
         frames: Frames with objects and with 2D boxes of the camera.
-        lasting: Share of the camera's boxes that lie where its image before has one.
+        lasting: Those of them with 2D boxes that lie where its image before has one, and only these boxes.
         lidar_xyz: (L, 3) positions of the lidars in the site frame, metres.
     """
     count = sum(len(frame.xyxy) for frame in frames)
@@ -84,7 +88,8 @@ def coarse_pose_warning(
         fit, best = max(((fit_of(pose.T_camera_site), pose) for pose in candidates), key=lambda one: one[0])
         if fit >= max(MIN_BETTER_FIT, MIN_GAIN * calibrated):
             return RunWarning(camera.name, f"{finding}, and by {fit:.0%} {best.description}", best.remedy)
-    if calibrated >= MAX_BAD_FIT or lasting < MIN_LASTING:
+    is_judged = has_enough(lasting) and sum(len(frame.xyxy) for frame in lasting) >= MIN_LASTING * count
+    if not is_judged or max(calibrated, BoxFit(camera.model, lasting)(camera.T_camera_site.matrix)) >= MAX_BAD_FIT:
         return None
     remedy = "check its intrinsics and extrinsics; or does it look where no lidar does?"
     return RunWarning(camera.name, finding, remedy)

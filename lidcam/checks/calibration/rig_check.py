@@ -186,9 +186,9 @@ class RigCheck:
     def __init__(self, rig: Rig, config: Config, compared: ComparedLidars = NOT_COMPARED, remedy: str = REMEDY) -> None:
         self._rig, self._config, self._compared, self._remedy = rig, config, compared, remedy
         self._pairs = {camera.name: EvenSample[TrackedPairs](MAX_PAIR_FRAMES) for camera in rig.cameras}
-        self._boxes = {camera.name: EvenSample[BoxFrame](MAX_BOX_FRAMES) for camera in rig.cameras}
+        # Each with which of its boxes last
+        self._boxes = {camera.name: EvenSample[tuple[BoxFrame, Bools]](MAX_BOX_FRAMES) for camera in rig.cameras}
         self._last = {camera.name: np.zeros((0, 4), np.float32) for camera in rig.cameras}
-        self._counts = {camera.name: np.zeros(2) for camera in rig.cameras}  # Boxes that last, and all
 
     def add_frame(self, frame: FrameResult) -> None:
         """Add the evidence of one frame; one that lacks a lidar which is not silent counts against no camera."""
@@ -202,11 +202,11 @@ class RigCheck:
             found = frame.detections.cameras.get(name)
             if found is None or (len(found) and np.array_equal(found.xyxy, self._last[name])):
                 continue  # The boxes of a repeated image say nothing new
-            lasts = (pair_overlaps_xyxy(found.xyxy[:, None], self._last[name])[0] >= MIN_LASTING_IOU).any(1)
-            self._counts[name] += lasts.sum(), len(found)
+            overlaps = pair_overlaps_xyxy(found.xyxy[:, None], self._last[name])[0]
+            lasts = np.any(overlaps >= MIN_LASTING_IOU, axis=1)
             self._last[name] = found.xyxy
             if len(found) and len(frame.detections.lidar):
-                sample.add(BoxFrame(frame.detections.lidar, found.xyxy, found.class_ids))
+                sample.add((BoxFrame(frame.detections.lidar, found.xyxy, found.class_ids), lasts))
 
     @cached_property
     def cameras(self) -> tuple[CameraVerdict, ...]:
@@ -217,9 +217,13 @@ class RigCheck:
         """The verdict on a camera; what is significant is fitted again alone, as an error has one cause."""
         frames, none = [*self._pairs[camera.name]], np.zeros(7, np.bool_)
         others = [other for other in self._rig.cameras if other is not camera]
-        lasting, count = self._counts[camera.name]
-        share = lasting / max(count, 1)
-        coarse = coarse_pose_warning(camera, others, [*self._boxes[camera.name]], share, self._rig.lidar_xyz)
+        boxes = [frame for frame, _ in self._boxes[camera.name]]
+        lasting = [
+            frame._replace(xyxy=frame.xyxy[lasts], class_ids=frame.class_ids[lasts])
+            for frame, lasts in self._boxes[camera.name]
+            if lasts.any()
+        ]
+        coarse = coarse_pose_warning(camera, others, boxes, lasting, self._rig.lidar_xyz)
         if not frames:
             return CameraVerdict(camera, 0, 0, None, none, coarse)
         pairs = join_rows(*frames)

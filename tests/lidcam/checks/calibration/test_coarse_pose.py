@@ -132,6 +132,20 @@ def test_a_camera_that_fits_with_no_pose_is_named(frames: Sequence[FrameResult],
     assert [line.endswith(ending) for line in warned(rig(away), frames)] == [True] * is_named
 
 
+def test_passing_false_boxes_do_not_hide_that_the_others_fit() -> None:
+    """Four false boxes in each image, and one of a car, which fits by half."""
+
+    def with_false_boxes(number: int, found: FrameResult) -> FrameResult:
+        corners = np.random.default_rng(number).uniform(0, 440, (4, 2))
+        car = found.detections.cameras["front"]
+        width_px = car.xyxy[0, 2] - car.xyxy[0, 0]
+        xyxy = np.concatenate([car.xyxy[:1] + [width_px / 3, 0] * 2, np.c_[corners, corners + 30]]).astype(np.float32)
+        boxes = replace(car.select(np.zeros(5, np.intp)), xyxy=xyxy)
+        return replace(found, detections=replace(found.detections, cameras={"front": boxes}))
+
+    assert warned(rig(TRUE), [with_false_boxes(*one) for one in enumerate(lasting(0.1))]) == []
+
+
 def test_a_camera_that_is_not_used_is_named() -> None:
     unused = posed(TRUE, turned(TRUE, "x", 90).T_camera_site.matrix)
     unused = replace(unused, fit=replace(unused.fit, is_used=False))
