@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidcam.pipeline.calibration.motions import cluster_covariance
+from lidcam.pipeline.calibration.motions import jackknife_covariance
 from lidcam.pipeline.core.arrays import F64, I64, Bools
 from lidcam.pipeline.core.geometry.rotations import turned
 
@@ -127,7 +127,9 @@ def _error(
         normal = np.einsum("ki,k,kj->ij", slopes, weights, slopes) + np.diag(prior)
         values = values + np.linalg.solve(normal, slopes.T @ (weights * residuals) - prior * values)
     information = _plane_information(normal - np.diag(prior), tilted, weights) + np.diag(prior)
-    covariance = cluster_covariance(slopes * (weights * residuals)[:, None], cells, information, prior)
+    scores, own = slopes * (weights * residuals)[:, None], np.einsum("k,ki,kj->kij", weights, slopes, slopes)
+    gain = np.linalg.solve(information, normal)  # a step of the fit is larger where planes tell less
+    covariance = gain @ jackknife_covariance(scores, own, cells, normal, prior) @ gain.T
     return LidarError(values, covariance + np.diag(MIN_SIGMAS**2), len(residuals))
 
 

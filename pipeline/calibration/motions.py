@@ -11,32 +11,12 @@ def motion(values: F64) -> F64:
     return pose_matrix(turned(values[:3]), values[3:6])
 
 
-def cluster_covariance(scores: F64, groups: I64, normal: F64, prior: F64) -> F64:
-    """(D, D) covariance of a weighted least-squares fit whose residuals are correlated within groups.
-
-    The sandwich estimate of Liang and Zeger (Longitudinal data analysis using generalized linear models, Biometrika
-    73(1), 1986), with the usual factor for few groups.
-
-    Args:
-        scores: (N, D) weighted derivatives times residuals.
-        groups: (N, K) group of each measurement, by equal rows.
-        normal: (D, D) normal matrix, prior included.
-        prior: (D,) diagonal information of the prior.
-    """
-    _, group = np.unique(groups, axis=0, return_inverse=True)
-    sums = np.zeros((group.max() + 1, scores.shape[1]))
-    np.add.at(sums, group.ravel(), scores)
-    spread = sums.T @ sums * (len(sums) / max(len(sums) - 1, 1)) + np.diag(prior)
-    inverse = np.linalg.inv(normal)
-    return np.asarray(inverse @ spread @ inverse)
-
-
 def jackknife_covariance(scores: F64, information: F64, groups: I64, normal: F64, prior: F64) -> F64:
     """(D, D) covariance of a weighted least-squares fit whose residuals are correlated within a few groups.
 
     The spread of the fits that lack one group, by one Gauss-Newton step (Bell and McCaffrey, Bias reduction in standard
-    errors for linear regression with multi-stage samples, Survey Methodology 28(2), 2002). `cluster_covariance` is too
-    small where a fit follows the common errors of few groups.
+    errors for linear regression with multi-stage samples, Survey Methodology 28(2), 2002). The plain
+    spread of the groups is too small where a fit follows the common errors of few.
 
     Args:
         scores: (N, D) weighted derivatives times residuals.

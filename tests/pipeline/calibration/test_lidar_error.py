@@ -46,6 +46,17 @@ def test_points_of_one_ring_are_no_plane(beams: int) -> None:
     assert found is None or not found.significant.any()
 
 
+def test_few_common_planes_are_no_better_known_than_they_scatter() -> None:
+    clouds = [
+        [seen(place, number, beams=16, step_rad=0.0035, noise_m=0.03) for number in range(12)]
+        for place in (FIRST, SECOND)
+    ]
+    found = [lidar_error([pair], FIRST, SECOND) for pair in zip(*clouds, strict=True)]
+    ratios = np.array([one.values / one.sigmas for one in found if one is not None])
+    assert len(ratios) == len(found)
+    assert np.sqrt((ratios**2).mean(0)).max() < 2.5
+
+
 def test_a_floor_says_nothing_of_the_way_along_it() -> None:
     given = np.array([0, 0, 0, 0.1, 0.1, 0.05])
     floors = seen(FIRST, 1, floor_only=True), placed(seen(SECOND, 2, floor_only=True), given)

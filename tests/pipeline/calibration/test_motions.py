@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lidcam.pipeline.calibration.motions import cluster_covariance, jackknife_covariance, motion
+from lidcam.pipeline.calibration.motions import jackknife_covariance, motion
 from lidcam.pipeline.core.geometry.rotations import turned
 
 
@@ -23,7 +23,8 @@ def test_errors_that_are_alike_count_once(alike: int) -> None:
     random = np.random.default_rng(1)
     groups = np.repeat(np.arange(400 // alike), alike)
     away = random.normal(0, 1, 400 // alike)[groups]
-    found = cluster_covariance((away - away.mean())[:, None], groups[:, None], np.array([[400.0]]), np.zeros(1))
+    scores = (away - away.mean())[:, None]
+    found = jackknife_covariance(scores, np.ones((400, 1, 1)), groups[:, None], np.array([[400.0]]), np.zeros(1))
     assert found[0, 0] == pytest.approx(alike / 400, rel=0.4)
 
 
