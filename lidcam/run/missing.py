@@ -13,6 +13,9 @@ from lidcam.run.warning import RunWarning
 MAX_SPANS_NAMED = 3
 """Maximum number of spans of silence named per sensor."""
 
+MIN_SLOWER_SHARE = 1 / 3
+"""Minimum share of frames without a sensor that sends fewer messages than there are frames."""
+
 MIN_FRAMES, MIN_MESSAGES = 10, 3
 """Fewest frames of a run, or dropped messages of a sensor, where a sensor is not missing by chance."""
 
@@ -59,6 +62,11 @@ class MissingSensor:
     def alive_frames(self) -> int:
         """Number of frames without it while it sent messages."""
         return self.frames - sum(span.frames for span in self.silences)
+
+    @property
+    def is_slower(self) -> bool:
+        """Whether it seems to send fewer messages than there are frames, provided that all of them are in frames."""
+        return not self.silences and MIN_SLOWER_SHARE <= self.frames / self.of_frames < 1
 
     @property
     def spans(self) -> str:

@@ -28,7 +28,7 @@ from lidcam.cli.printing.tables import (
 from lidcam.cli.printing.terminal import show_line, show_table
 from lidcam.pipeline.core.settings.engines import ENGINES
 from lidcam.pipeline.core.text import listed
-from lidcam.run.summary import CameraCorrection, DropCount, RunSummary
+from lidcam.run.summary import CameraCorrection, DropCount, RunSummary, dropped_by_topic
 
 MAX_ZONES = 3
 """Maximum number of zones with a column of their own."""
@@ -120,12 +120,21 @@ def _missing(summary: RunSummary) -> Iterator[str]:
         where = f"{len(drops)} topics" if others else first.topic
         lines.append(f"dropped: {_plural(count, 'message')} of {where}: {reason}")
     yield from _first(lines, "more reasons, with -v")
-    if missing := summary.sensors.missing:
-        parts = []
-        for count in sorted({one.frames for one in missing}):
-            names = [one.sensor for one in missing if one.frames == count]
-            parts.append(f"{' and '.join(names) if len(names) <= MAX_NAMED else f'{len(names)} topics'} in {count}")
-        yield f"missing: {listed(parts)} of {_plural(summary.frames.count, 'frame')}; -v says when"
+    dropped, frames = dropped_by_topic(summary.drops.messages), summary.frames.count
+    slower = [one for one in summary.sensors.missing if one.is_slower and not dropped[one.topic]]
+    missing = [one for one in summary.sensors.missing if one not in slower]
+    yield from _sensors_line("slower sensors", [(frames - one.frames, one.sensor) for one in slower], frames)
+    yield from _sensors_line("missing", [(one.frames, one.sensor) for one in missing], frames)
+
+
+def _sensors_line(what: str, counted: list[tuple[int, str]], frames: int) -> Iterator[str]:
+    """A line of sensors by their number of frames, if there are any."""
+    parts = []
+    for count in sorted({count for count, _ in counted}):
+        names = [name for its, name in counted if its == count]
+        parts.append(f"{' and '.join(names) if len(names) <= MAX_NAMED else f'{len(names)} topics'} in {count}")
+    if parts:
+        yield f"{what}: {listed(parts)} of {_plural(frames, 'frame')}; -v says when"
 
 
 def _first(lines: list[str], more: str) -> list[str]:

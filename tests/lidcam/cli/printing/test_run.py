@@ -85,6 +85,11 @@ def test_what_was_dropped_and_what_is_missing() -> None:
     )
     line = printed(changed(summary, sensors={"missing": some}), details=False).splitlines()[-1]
     assert line.startswith("missing: bcam and ecam in 1, 3 topics in 2 of ")
+    slow, few = (MissingSensor(name, f"/{name}", count, 9, ()) for name, count in (("slow", 3), ("few", 2)))
+    lines = printed(changed(summary, sensors={"missing": (slow, few)}), details=False).splitlines()
+    frames = summary.frames.count
+    assert f"slower sensors: slow in {frames - 3} of {frames} frames; -v says when" in lines
+    assert f"missing: few in 2 of {frames} frames; -v says when" in lines
     both = changed(summary, drops={"messages": (DROP, replace(DROP, topic="/other"))})
     assert "dropped: 6 messages of 2 topics: no partner within 0.05 s\n" in printed(both, details=False)
 
