@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 
 from changed_tests import mirrored_tests
+from helpers import ROOT
 from import_graph import (
     FLOORS,
     ImportGraph,
@@ -18,7 +19,6 @@ from import_graph import (
     sources,
 )
 
-ROOT = Path(__file__).resolve().parent.parent
 MAX_FILES = 16
 
 # Within its floor: what a room may import of the others. Rooms that are not named here may import all of their floor

@@ -2,14 +2,13 @@
 
 import ast
 import re
-from pathlib import Path
 
 import pytest
+from helpers import ROOT
 from import_graph import sources
 from licences import EXTRAS, PYPROJECT, closure, licence_of, page, requirements_of
 from packaging.utils import canonicalize_name
 
-ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "licences.md"
 
 PYTORCH = re.compile(r"torch$|nvidia-|cuda-|triton$")

@@ -3,22 +3,21 @@
 import hashlib
 import shlex
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 import yaml
+from helpers import BAGS, ROOT
 from mcap.reader import make_reader
 
 from lidcam.bags.simulator.scenario.scenario import Scenario, load_scenario
 
-ROOT = Path(__file__).resolve().parents[2]
-README = (ROOT / "bags" / "README.md").read_text(encoding="utf-8")
+README = (BAGS / "README.md").read_text(encoding="utf-8")
 SAMPLES = ["sandbox.bag", "crossing.mcap"]
 
 
 def scenario_of(name: str) -> Scenario:
     """What a recording says that it was recorded from."""
-    path = ROOT / "bags" / name
+    path = BAGS / name
     if path.suffix == ".bag":
         text = path.with_name(f"{name}.scenario.yaml").read_text(encoding="utf-8")
     else:
@@ -30,7 +29,7 @@ def scenario_of(name: str) -> Scenario:
 
 @pytest.mark.parametrize("name", SAMPLES)
 def test_readme_tells_size_and_hash(name: str) -> None:
-    data = (ROOT / "bags" / name).read_bytes()
+    data = (BAGS / name).read_bytes()
     [row] = [line for line in README.splitlines() if line.startswith(f"| `{name}` |")]
     assert f"{len(data)} bytes" in row
     assert hashlib.sha256(data).hexdigest() in row

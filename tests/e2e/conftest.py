@@ -4,13 +4,12 @@ from pathlib import Path
 import pytest
 from builders import in_order, write_rosbag1
 from command import Lidcam, Run, called
-from helpers import CLUSTERS
+from helpers import CLUSTERS, SANDBOX
 from results import fused_objects
 
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.open import open_recording
 
-ROOT = Path(__file__).resolve().parents[2]
 FRAMES = 6
 """Messages of each sensor in `first_messages`."""
 
@@ -30,21 +29,9 @@ def lidcam(tmp_path_factory: pytest.TempPathFactory) -> Lidcam:
 
 
 @pytest.fixture(scope="session")
-def sandbox() -> Path:
-    """The sample recording."""
-    return ROOT / "bags" / "sandbox.bag"
-
-
-@pytest.fixture(scope="session")
-def crossing() -> Path:
-    """Another one, of MCAP."""
-    return ROOT / "bags" / "crossing.mcap"
-
-
-@pytest.fixture(scope="session")
-def first_messages(sandbox: Path) -> dict[str, list[RawMessage]]:
+def first_messages() -> dict[str, list[RawMessage]]:
     """The first messages of the sample by topic, as many of each sensor; without truth of the cars."""
-    with open_recording([sandbox]) as recording:
+    with open_recording([SANDBOX]) as recording:
         topics = [info.topic for info in recording.topics if "base_pose" not in info.topic]
         return {topic: [*islice(recording.messages([topic]), FRAMES)] for topic in topics}
 

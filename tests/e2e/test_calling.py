@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from builders import write_mcap
 from command import Lidcam, shell
-from helpers import CLUSTERS
+from helpers import CLUSTERS, SANDBOX
 from results import topics_of
 from small_drive import small_drive
 
@@ -24,8 +24,8 @@ PART = ("--duration", "0.4", "--set", CLUSTERS)
         pytest.param("process {sandbox} out.mcap --duration 0.4 --verbose 2>&1", marks=pytest.mark.slow),
     ],
 )
-def test_a_reader_that_leaves_does_not_end_the_run(command: str, sandbox: Path, tmp_path: Path) -> None:
-    line = f"{PROGRAM} {command.format(sandbox=sandbox)} | head -n 1 && echo ${{PIPESTATUS[0]}}"
+def test_a_reader_that_leaves_does_not_end_the_run(command: str, tmp_path: Path) -> None:
+    line = f"{PROGRAM} {command.format(sandbox=SANDBOX)} | head -n 1 && echo ${{PIPESTATUS[0]}}"
     done = shell(line, tmp_path)
     assert not [line for line in done.err.splitlines() if " frames, " not in line]  # progress, on a slow machine
     assert done.out.splitlines()[1:] == ["0"]
@@ -36,35 +36,35 @@ def test_a_reader_that_leaves_does_not_end_the_run(command: str, sandbox: Path, 
 
 @pytest.mark.skipif(shutil.which("script") is None, reason="needs script of util-linux")
 @pytest.mark.parametrize(("option", "has_bar"), [("--json", True), ("--print-matches", False)])
-def test_a_bar_on_a_terminal(sandbox: Path, tmp_path: Path, option: str, has_bar: bool) -> None:
-    command = f"{PROGRAM} process {sandbox} out.mcap {shlex.join(PART)} {option}"
+def test_a_bar_on_a_terminal(tmp_path: Path, option: str, has_bar: bool) -> None:
+    command = f"{PROGRAM} process {SANDBOX} out.mcap {shlex.join(PART)} {option}"
     done = shell(f"script -qec '{command}' /dev/null", tmp_path, COLUMNS="100", TERM="xterm")
     assert done.code == 0, done.out
     assert ("all frames written, finishing the outputs" in done.out) == has_bar  # what it ends with is always drawn
 
 
-def test_quiet_is_the_result_alone(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
-    told = lidcam("inspect", sandbox, "--write-rig", tmp_path / "rig.yaml")
+def test_quiet_is_the_result_alone(lidcam: Lidcam, tmp_path: Path) -> None:
+    told = lidcam("inspect", SANDBOX, "--write-rig", tmp_path / "rig.yaml")
     assert told.err == f"wrote {tmp_path / 'rig.yaml'}\n"
-    quiet = lidcam("inspect", sandbox, "--write-rig", tmp_path / "rig.yaml", "-q")
+    quiet = lidcam("inspect", SANDBOX, "--write-rig", tmp_path / "rig.yaml", "-q")
     assert (quiet.code, quiet.out, quiet.err) == (0, told.out, "")
     failed = lidcam("inspect", tmp_path / "missing.bag", "--quiet")
     assert failed.code == 1
     assert "missing.bag" in failed.error_line
 
 
-def test_verbose_and_a_log_file(lidcam: Lidcam, sandbox: Path, tmp_path: Path) -> None:
+def test_verbose_and_a_log_file(lidcam: Lidcam, tmp_path: Path) -> None:
     log = tmp_path / "run.log"
-    run = lidcam("process", sandbox, tmp_path / "out.mcap", *PART, "-v", "--log-file", log)
+    run = lidcam("process", SANDBOX, tmp_path / "out.mcap", *PART, "-v", "--log-file", log)
     assert run.code == 0
-    assert f"lidcam: {sandbox}: 1677 messages of 62 topics" in run.err
+    assert f"lidcam: {SANDBOX}: 1677 messages of 62 topics" in run.err
     assert "lidcam.processing: frame 1, 1700000000100859904 ns: 19 topics" in run.err
     assert "\ntime\nstage" in run.out
-    assert "\ntime\n" not in lidcam("process", sandbox, tmp_path / "out.mcap", *PART).out
-    shown = lidcam("inspect", sandbox).out
+    assert "\ntime\n" not in lidcam("process", SANDBOX, tmp_path / "out.mcap", *PART).out
+    shown = lidcam("inspect", SANDBOX).out
     assert "other topics, listed with -v: /car1/* (8 topics), /car2/* (8 topics), /ground_truth/*" in shown
-    assert "/car1/base_pose_ground_truth" in lidcam("inspect", sandbox, "-v").out
-    assert lidcam("process", sandbox, log / "out.mcap", "-q", "--log-file", log).code == 1
+    assert "/car1/base_pose_ground_truth" in lidcam("inspect", SANDBOX, "-v").out
+    assert lidcam("process", SANDBOX, log / "out.mcap", "-q", "--log-file", log).code == 1
     lines = log.read_text(encoding="utf-8").splitlines()
     assert all(re.match(r"20[0-9-]{8}T[0-9:]{8}\.\d{3}Z (DEBUG|INFO|WARNING|ERROR) ", line) for line in lines)
     assert sum("frame 1, " in line for line in lines) == 1
@@ -107,8 +107,8 @@ def test_the_shell_completes(line: str, found: list[str], tmp_path: Path) -> Non
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_standard_output_on_a_full_disk_is_an_error_in_one_line(sandbox: Path, tmp_path: Path) -> None:
-    done = shell(f"{PROGRAM} inspect {sandbox} > /dev/full", tmp_path)
+def test_standard_output_on_a_full_disk_is_an_error_in_one_line(tmp_path: Path) -> None:
+    done = shell(f"{PROGRAM} inspect {SANDBOX} > /dev/full", tmp_path)
     assert done.code == 1
     assert done.err == "lidcam: error: standard output: No space left on device\n"
 

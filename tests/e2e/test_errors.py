@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from builders import write_rosbag1
 from command import Lidcam
-from helpers import CLUSTERS
+from helpers import CLUSTERS, CROSSING
 from onnx_files import write_yolox
 from small_drive import small_drive
 
@@ -165,12 +165,10 @@ BLIND = ("--set", "output.images=false")
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
 )
-def test_bad_commands(
-    lidcam: Lidcam, tmp_path: Path, crossing: Path, arguments: tuple[str, ...], code: int, words: str
-) -> None:
+def test_bad_commands(lidcam: Lidcam, tmp_path: Path, arguments: tuple[str, ...], code: int, words: str) -> None:
     """Options alone are those of `lidcam process`."""
     bag(tmp_path / "a.bag", clouds())
-    (tmp_path / "crossing.mcap").symlink_to(crossing)
+    (tmp_path / "crossing.mcap").symlink_to(CROSSING)
     of_process = ("process", "a.bag", "o.mcap") if arguments[0].startswith("-") else ()
     run = lidcam(*of_process, *arguments, folder=tmp_path)
     assert (run.code, "Traceback" in run.err) == (code, False), run.err

@@ -14,7 +14,7 @@ import yaml
 from builders import in_order, write_rosbag1
 from command import Lidcam, shell
 from document_commands import ROOT
-from helpers import CLUSTERS
+from helpers import CLUSTERS, SANDBOX
 
 from lidcam.pipeline.core.messages import RawMessage
 
@@ -24,9 +24,9 @@ PART = ("--duration", "0.4", "--set", CLUSTERS)
 
 
 @pytest.fixture(scope="module")
-def result(lidcam: Lidcam, sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def result(lidcam: Lidcam, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("result") / "out.mcap"
-    assert lidcam("process", sandbox, path, "--config", "sandbox", *PART).code == 0
+    assert lidcam("process", SANDBOX, path, "--config", "sandbox", *PART).code == 0
     return path
 
 
@@ -68,14 +68,14 @@ def test_a_workflow_pins_what_it_uses(path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_workflow_runs(sandbox: Path, first_messages: dict[str, list[RawMessage]], tmp_path: Path) -> None:
+def test_the_workflow_runs(first_messages: dict[str, list[RawMessage]], tmp_path: Path) -> None:
     """All steps but the installation, in the shell that GitHub takes."""
     samples = tmp_path / "samples"
     samples.mkdir()
     write_rosbag1(samples / "drive.bag", in_order(*first_messages.values()))
     shutil.copy(ROOT / "config" / "sandbox.yaml", samples / "site.yaml")
     (samples / "gate.txt").write_text("fused.car.recall >= 0.5\n", encoding="utf-8")
-    shutil.copy(sandbox.with_name(f"{sandbox.name}.rig.yaml"), samples / "rig.yaml")
+    shutil.copy(SANDBOX.with_name(f"{SANDBOX.name}.rig.yaml"), samples / "rig.yaml")
     text = WORKFLOW.read_text(encoding="utf-8")
     golden = " ".join(re.findall(r"#     (lidcam process .*)\\\n#       (.*)\n", text)[0])
     commands = [step["run"] for step in steps() if "run" in step]

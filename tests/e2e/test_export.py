@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from command import Lidcam
-from helpers import CLUSTERS
+from helpers import CLUSTERS, CROSSING
 
 from lidcam.readers.open import open_recording
 
@@ -52,16 +52,16 @@ def test_results_without_clouds_or_of_one_name_are_told(lidcam: Lidcam, first_re
     assert twice.error_line.endswith("expected results of different names, found two called poor")
 
 
-def test_images_are_written_as_recorded_with_true_boxes(lidcam: Lidcam, tmp_path: Path, crossing: Path) -> None:
+def test_images_are_written_as_recorded_with_true_boxes(lidcam: Lidcam, tmp_path: Path) -> None:
     result, folder = tmp_path / "out.mcap", tmp_path / "set"
-    assert lidcam("process", crossing, result, "--duration", 0.5, "--set", CLUSTERS).code == 0
+    assert lidcam("process", CROSSING, result, "--duration", 0.5, "--set", CLUSTERS).code == 0
     one = ("--camera", "camera_north_west")
     done = lidcam("export", result, "--format", "coco", "--out", folder, *one)
     content = json.loads((folder / "annotations/instances.json").read_text(encoding="utf-8"))
     boxes = len(content["annotations"])
     assert done.err.splitlines()[-1] == f"wrote {folder}: 2 frames, 2 images, {boxes} ground-truth boxes"
     assert "has no images" not in done.err, "of cameras that were not asked for"
-    with open_recording([crossing]) as recording:
+    with open_recording([CROSSING]) as recording:
         messages = [*recording.messages(["/camera_north_west/image_raw/compressed"])]
     names = sorted(path.name for path in (folder / "images").iterdir())
     assert [one["file_name"] for one in content["images"]] == names

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from builders import write_mcap
 from command import Lidcam, called
-from helpers import CLUSTERS
+from helpers import CLUSTERS, SANDBOX
 from small_drive import small_drive
 from video import psnr_db
 
@@ -29,17 +29,17 @@ def images_of(film: Path) -> list[U8]:
 
 
 @pytest.fixture(scope="module")
-def made(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     outputs = ("out.mcap", "--video", "out.mp4", "--save-matches", "images")
-    done = called(folder, sandbox, *outputs, *PART, "--workers", 1, program="lidcam-process")
+    done = called(folder, SANDBOX, *outputs, *PART, "--workers", 1, program="lidcam-process")
     assert done.code == 0, done.err
     assert "lidcam view out.mcap (or .mp4)" in done.out
     return folder
 
 
-def test_frames_draw_the_same(made: Path, sandbox: Path) -> None:
-    frames = [*library.iter_frames(sandbox, workers=1, **SAME)]
+def test_frames_draw_the_same(made: Path) -> None:
+    frames = [*library.iter_frames(SANDBOX, workers=1, **SAME)]
     shown = images_of(made / "out.mp4")
     assert len(frames) == len(shown) > 1
     for number, (frame, image) in enumerate(zip(frames, shown, strict=True)):
@@ -52,12 +52,12 @@ def test_frames_draw_the_same(made: Path, sandbox: Path) -> None:
         frames[0].draw("front")
 
 
-def test_a_later_run_replaces_them_with_the_same_bytes(made: Path, sandbox: Path) -> None:
+def test_a_later_run_replaces_them_with_the_same_bytes(made: Path) -> None:
     def content() -> dict[str, bytes]:
         return {path.name: path.read_bytes() for path in made.rglob("*") if path.suffix in {".mp4", ".jpg"}}
 
     before = content()
-    library.process(sandbox, made / "out.mp4", save_matches=made / "images", **SAME)
+    library.process(SANDBOX, made / "out.mp4", save_matches=made / "images", **SAME)
     assert content() == before
 
 

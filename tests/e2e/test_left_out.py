@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from command import Run, called_apart
+from helpers import SANDBOX
 
 WITHOUT = """
 import sys
@@ -23,13 +24,13 @@ importlib.util.find_spec = lambda name, package=None: None if name in gone else 
 """
 
 
-def test_a_small_installation_processes_and_exports(sandbox: Path, tmp_path: Path) -> None:
+def test_a_small_installation_processes_and_exports(tmp_path: Path) -> None:
     part = ("--duration", 0.2, "--set", "detect3d.method=cluster")
     done = called_apart(
         tmp_path,
         "gone = {'rerun', 'pyarrow', 'scipy', 'jinja2'}" + WITHOUT,
-        ("inspect", sandbox),
-        ("process", sandbox, "out.mcap", *part, "--objects", "out.csv", "--save-matches", "images"),
+        ("inspect", SANDBOX),
+        ("process", SANDBOX, "out.mcap", *part, "--objects", "out.csv", "--save-matches", "images"),
         ("export", "out.mcap", "--format", "coco", "--out", "set"),
         ("compare", "out.mcap", "out.mcap"),
     )
@@ -54,9 +55,9 @@ COMMANDS = [
 
 
 @pytest.fixture(scope="module")
-def refused(sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Run], Path]:
+def refused(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Run], Path]:
     folder = tmp_path_factory.mktemp("refused")
-    commands = [tuple(str(sandbox) if word == "IN" else word for word in line.split()) for _, line in COMMANDS]
+    commands = [tuple(str(SANDBOX) if word == "IN" else word for word in line.split()) for _, line in COMMANDS]
     return called_apart(folder, "gone = {'rerun', 'pyarrow', 'jinja2'}" + WITHOUT, *commands), folder
 
 

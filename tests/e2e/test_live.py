@@ -9,14 +9,13 @@ import pytest
 from command import called
 from foxglove.websocket import WebSocketServer
 from foxglove_client import FoxgloveClient
-from helpers import CLUSTERS
+from helpers import CLUSTERS, SANDBOX
 from mcap.reader import make_reader
 
 import lidcam
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.writers.live import server
 
-SANDBOX = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
 USUAL: Any = {"config": "sandbox", "settings": [CLUSTERS], "workers": 1}
 
 

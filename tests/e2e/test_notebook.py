@@ -9,8 +9,8 @@ from typing import Any
 
 import nbformat
 import pytest
+from helpers import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOK = ROOT / "examples" / "first_look.ipynb"
 MAX_BYTES = 5_000_000
 

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import SANDBOX
 from onnx_files import write_yolox
 from small_scenario import write_small_scenario
 
@@ -108,9 +109,9 @@ def test_the_watch_sees_native_code_and_children(home: Path, code: str) -> None:
 @pytest.mark.parametrize(
     "command", ["inspect BAG", "process BAG out.mcap --duration 0.3 --rerun out.rrd --model-2d net.onnx"]
 )
-def test_nothing_is_let_out(sandbox: Path, home: Path, command: str) -> None:
+def test_nothing_is_let_out(home: Path, command: str) -> None:
     write_yolox(home.parent / "net.onnx", np.zeros((84, 85), np.float32), size_px=(64, 64))
-    arguments = [str(sandbox) if word == "BAG" else word for word in command.split()]
+    arguments = [str(SANDBOX) if word == "BAG" else word for word in command.split()]
     done = watched(home, "-m", "lidcam", *arguments)
     assert done.returncode == 0, done.stderr
     assert list(home.iterdir()) == []

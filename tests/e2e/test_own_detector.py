@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers import CROSSING
 from mcap.reader import make_reader
 
 import lidcam
 
 pytestmark = pytest.mark.slow
 
-CROSSING = Path(__file__).resolve().parents[2] / "bags" / "crossing.mcap"
 
 ENGINE = '''
 """Cells with many points between knee and head are cars; the middle of each image is one, too."""

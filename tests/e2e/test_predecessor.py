@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 import yaml
 from command import Lidcam
+from helpers import ROOT
 from results import messages_of, topics_of
 
-SCRIPT = Path(__file__).parents[2] / "examples" / "convert_predecessor.py"
+SCRIPT = ROOT / "examples" / "convert_predecessor.py"
 SCRIPT_NAMES = runpy.run_path(str(SCRIPT))
 FRAMES = 3
 CAR_M = (1.0, 0.5, 0.11)

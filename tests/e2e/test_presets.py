@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 from command import Lidcam
+from helpers import BAGS, CROSSING, SANDBOX
 from mcap.reader import make_reader
 
 import lidcam as library
@@ -13,7 +14,6 @@ from lidcam.pipeline.core.settings.bundled import PRESETS
 from lidcam.pipeline.core.settings.load import load_config
 from lidcam.run.summary import summary_tree
 
-BAGS = Path(__file__).resolve().parents[2] / "bags"
 JUDGED = {
     "sandbox.bag": "sandbox, judged from clouds of 5.5 x 3.9 m, lidars 0.3 m above the ground",
     "crossing.mcap": "crossing, judged from clouds of 78 x 78 m, lidars 6.7 m above the ground",
@@ -22,7 +22,7 @@ OVERRIDES = "; --config road overrides"
 
 
 def test_the_sample_of_the_sandbox_gives_objects_without_a_flag(lidcam: Lidcam, tmp_path: Path) -> None:
-    done = lidcam("process", BAGS / "sandbox.bag", tmp_path / "out.mcap", "--duration", "0.3", "-v")
+    done = lidcam("process", SANDBOX, tmp_path / "out.mcap", "--duration", "0.3", "-v")
     assert done.code == 0, done.err
     assert "\nobjects, sum over 2 frames\n" in done.out
     assert JUDGED["sandbox.bag"] in " ".join(done.out.split())
@@ -36,10 +36,10 @@ def test_the_sample_of_the_sandbox_gives_objects_without_a_flag(lidcam: Lidcam, 
 
 
 def test_the_sample_of_the_crossing_gives_what_its_settings_give(lidcam: Lidcam, tmp_path: Path) -> None:
-    done = lidcam("process", BAGS / "crossing.mcap", tmp_path / "out.mcap", "--json", "--duration", "0.4")
+    done = lidcam("process", CROSSING, tmp_path / "out.mcap", "--json", "--duration", "0.4")
     tree = json.loads(done.out)
     assert tree["settings"]["name"] == "crossing"
-    named = library.process(BAGS / "crossing.mcap", config="crossing", duration_s=0.4).summary
+    named = library.process(CROSSING, config="crossing", duration_s=0.4).summary
     assert tree["objects"] == summary_tree(named)["objects"]
     assert all(entry["zone"] is None for entry in tree["objects"]), "nobody asked for zones"
     assert sum(entry["count"] for entry in tree["objects"]) > 8

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from command import Lidcam, Run
-from helpers import CLUSTERS
+from helpers import CLUSTERS, ROOT, SANDBOX
 from results import fused_objects, messages_of, stamp_of, topics_of
 from rosbags.highlevel import AnyReader
 
@@ -17,11 +17,11 @@ Process = Callable[..., Run]
 
 
 @pytest.fixture(scope="module")
-def process(lidcam: Lidcam, sandbox: Path) -> Process:
+def process(lidcam: Lidcam) -> Process:
     """Process the sample with its settings and more options, by clusters."""
 
     def run(out: Path, *options: object) -> Run:
-        done = lidcam("process", sandbox, out, "--config", "sandbox", "--set", CLUSTERS, *options)
+        done = lidcam("process", SANDBOX, out, "--config", "sandbox", "--set", CLUSTERS, *options)
         assert done.code == 0, done.err
         return done
 
@@ -29,11 +29,11 @@ def process(lidcam: Lidcam, sandbox: Path) -> Process:
 
 
 @pytest.fixture(scope="module")
-def whole(lidcam: Lidcam, sandbox: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(lidcam: Lidcam, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Output of the whole sample as its settings are; with a Rerun recording, a table of the objects."""
     out = tmp_path_factory.mktemp("whole") / "out.mcap"
     more = ("--rerun", out.with_suffix(".rrd"), "--objects", out.with_suffix(".csv"))
-    run = lidcam("process", sandbox, out, "--config", "sandbox", *more)
+    run = lidcam("process", SANDBOX, out, "--config", "sandbox", *more)
     assert run.code == 0, run.err
     assert "objects" in run.out
     assert "frames" in run.out
@@ -43,10 +43,10 @@ def whole(lidcam: Lidcam, sandbox: Path, tmp_path_factory: pytest.TempPathFactor
 
 
 @pytest.fixture(scope="module")
-def truth(sandbox: Path) -> dict[str, list[tuple[int, float, float, float]]]:
+def truth() -> dict[str, list[tuple[int, float, float, float]]]:
     """(stamp, x, y, yaw) of each car, from the ground truth odometry."""
     found: dict[str, list[tuple[int, float, float, float]]] = {"car1": [], "car2": []}
-    with AnyReader([sandbox]) as reader:
+    with AnyReader([SANDBOX]) as reader:
         for car, poses in found.items():
             wanted = [c for c in reader.connections if c.topic == f"/{car}/base_pose_ground_truth"]
             for connection, _, data in reader.messages(wanted):
@@ -59,7 +59,7 @@ def truth(sandbox: Path) -> dict[str, list[tuple[int, float, float, float]]]:
 
 def test_the_readme_shows_what_is_printed(whole: Path) -> None:
     """By the command of the demo, which `make gate` runs."""
-    readme = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
     table = readme.split("and prints what it found:\n\n```\n")[1].split("...\n```")[0]
     assert "road users" in table
     printed = whole.with_suffix(".txt").read_text(encoding="utf-8")

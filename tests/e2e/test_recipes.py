@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from builders import write_mcap
 from command import called_apart
-from helpers import CLUSTERS
+from helpers import CLUSTERS, SANDBOX
 from message_layouts import message_of_layout
 from results import fused_objects, messages_of
 from small_drive import small_drive
@@ -19,8 +19,6 @@ import lidcam
 from lidcam.outputs.registry import OUTPUTS, Output
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
-
-SANDBOX = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
 
 ENGINE = '''
 import numpy as np

@@ -10,13 +10,12 @@ import pytest
 from builders import write_mcap
 from command import called
 from frames import frame, written_result
-from helpers import CLUSTERS
+from helpers import CLUSTERS, SANDBOX
 from small_drive import small_drive
 
 import lidcam
 from lidcam.outputs.report.make import make_page
 
-SANDBOX = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
 EMBEDDED = re.compile(r'<script type="application/json" id="figures">(.*?)</script>', re.DOTALL)
 
 

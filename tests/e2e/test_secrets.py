@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from command import Lidcam
+from helpers import SANDBOX
 
 URLS = ["https://ada:s3cret@127.0.0.1:9/x.yaml?X-Amz-Signature=s3cret", "https://ada:1/s3cret@127.0.0.1:9/x.yaml"]
 
@@ -24,9 +25,9 @@ COMMANDS = [
 @pytest.mark.parametrize(
     ("command", "url"), [*((command, URLS[0]) for command in COMMANDS), (COMMANDS[0], URLS[1]), (COMMANDS[4], URLS[1])]
 )
-def test_no_secret_is_shown(lidcam: Lidcam, tmp_path: Path, sandbox: Path, command: str, url: str) -> None:
+def test_no_secret_is_shown(lidcam: Lidcam, tmp_path: Path, command: str, url: str) -> None:
     log = tmp_path / "run.log"
-    run = lidcam(*command.format(sandbox=sandbox, url=url).split(), "--log-file", log)
+    run = lidcam(*command.format(sandbox=SANDBOX, url=url).split(), "--log-file", log)
     assert run.code in {1, 2}
     assert "Traceback" not in run.err
     said = run.out + run.err + (log.read_text(encoding="utf-8") if log.exists() else "")

@@ -17,11 +17,10 @@ from zipfile import ZipFile
 import pytest
 import trove_classifiers
 from builders import write_mcap
+from helpers import ROOT
 from packaging.metadata import Metadata
 from results import fused_objects
 from small_drive import small_drive
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def run(*command: object, cwd: Path) -> str:

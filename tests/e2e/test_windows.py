@@ -5,6 +5,8 @@ import sys
 import textwrap
 from pathlib import Path
 
+from helpers import SANDBOX
+
 AS_WINDOWS = """
 import asyncio, builtins, os, signal, subprocess, sys  # they look for what they need when they are imported
 import cv2, mcap.reader, multiprocessing, numpy, onnxruntime, pydantic, rich.console, rosbags, tempfile, typer, yaml
@@ -52,7 +54,7 @@ def test_every_module_is_imported() -> None:
     assert (done.returncode, done.stdout) == (0, "all\n"), done.stderr
 
 
-def test_it_reads_into_memory_and_says_in_one_line_what_it_does_not(sandbox: Path, tmp_path: Path) -> None:
+def test_it_reads_into_memory_and_says_in_one_line_what_it_does_not(tmp_path: Path) -> None:
     code = """
         import lidcam
         from lidcam.__main__ import main
@@ -67,7 +69,7 @@ def test_it_reads_into_memory_and_says_in_one_line_what_it_does_not(sandbox: Pat
             print(err)
         main()
     """
-    done = as_windows(code, "process", sandbox, tmp_path / "out.mcap")
+    done = as_windows(code, "process", SANDBOX, tmp_path / "out.mcap")
     objects, workers = done.stdout.splitlines()[-2:]
     assert int(objects) > 0, done.stderr
     assert workers.endswith("found Windows: set run.workers=1")

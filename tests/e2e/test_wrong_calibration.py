@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from helpers import BAGS
 
 import lidcam
 from lidcam.readers.rig.rig_file import rig_yaml
 from lidcam.readers.rig.schema import RigFile, parse_rig
 
-BAGS = Path(__file__).resolve().parents[2] / "bags"
 TURN_RAD = np.radians(2.0)
 WRITTEN = {"output.images": False, "output.clouds": False, "run.workers": 1}
 SAMPLES = [

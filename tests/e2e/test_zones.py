@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from helpers import SANDBOX
 from results import fused_objects, messages_of
 from summaries import printed
 
@@ -20,15 +21,15 @@ SETTINGS = {
 }
 
 
-def process(sandbox: Path, out: Path, **zones: Any) -> RunSummary:
-    job = make_job(sandbox, out, config="sandbox", settings={**SETTINGS, "rig.zones": zones}, duration_s=0.3, workers=1)
+def process(out: Path, **zones: Any) -> RunSummary:
+    job = make_job(SANDBOX, out, config="sandbox", settings={**SETTINGS, "rig.zones": zones}, duration_s=0.3, workers=1)
     return process_recording(job)
 
 
-def test_objects_that_are_not_reported_are_counted(sandbox: Path, tmp_path: Path) -> None:
+def test_objects_that_are_not_reported_are_counted(tmp_path: Path) -> None:
     plain, reason = tmp_path / "plain.mcap", "outside of all zones of use detect"
-    process(sandbox, plain)
-    summary = process(sandbox, tmp_path / "out.mcap", south={"corners": SOUTH, "use": "detect"})
+    process(plain)
+    summary = process(tmp_path / "out.mcap", south={"corners": SOUTH, "use": "detect"})
     before, after = fused_objects(plain), fused_objects(tmp_path / "out.mcap")
     kept = {stamp: [one for one in objects if one.y <= 0] for stamp, objects in before.items()}
     assert after == kept

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from builders import write_rosbag1
 from document_commands import pages
+from helpers import ROOT, SANDBOX
 
 import lidcam
 from lidcam import api
 from lidcam.pipeline.core.detections import source_names
 
-ROOT = Path(__file__).resolve().parents[2]
-SANDBOX, CONFIG = ROOT / "bags" / "sandbox.bag", ROOT / "config" / "sandbox.yaml"
+CONFIG = ROOT / "config" / "sandbox.yaml"
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-BAGS = Path(__file__).resolve().parents[2] / "bags"
+from helpers import SANDBOX
+
 SEEN = ("cv2", "numpy", "onnxruntime", "open3d", "pandas", "rerun", "rich", "rosbags", "scipy")
 PROGRAM = f"""
 import sys
@@ -35,6 +36,6 @@ def test_the_package_imports_nothing_before_it_is_used() -> None:
 
 def test_process_imports_no_viewer_and_no_network(tmp_path: Path) -> None:
     """No network where none runs."""
-    run = ["process", str(BAGS / "sandbox.bag"), str(tmp_path / "out.mcap"), "--duration", "0.1", "--workers", "1"]
+    run = ["process", str(SANDBOX), str(tmp_path / "out.mcap"), "--duration", "0.1", "--workers", "1"]
     run += ["--set", "detect3d.method=cluster"]
     assert not imported(*run) & {"onnxruntime", "open3d", "pandas", "rerun", "scipy"}

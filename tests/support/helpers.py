@@ -8,6 +8,9 @@ import pytest
 
 from lidcam.pipeline.core.arrays import F32, F64
 
+ROOT = Path(__file__).resolve().parents[2]
+BAGS = ROOT / "bags"
+SANDBOX, CROSSING = BAGS / "sandbox.bag", BAGS / "crossing.mcap"
 CLUSTERS = "detect3d.method=cluster"
 """The setting of runs that do not test detection: the network of the default takes longer than all the rest."""
 

@@ -3,10 +3,9 @@
 from dataclasses import replace
 from functools import cache
 from io import StringIO
-from pathlib import Path
 from typing import Any
 
-from helpers import CLUSTERS
+from helpers import CLUSTERS, SANDBOX
 from rich.console import Console
 
 import lidcam
@@ -18,8 +17,7 @@ from lidcam.run.summary import RunSummary
 @cache
 def sound_summary() -> RunSummary:
     """Of a part of the sample, in which nothing is amiss."""
-    recording = Path(__file__).resolve().parents[2] / "bags" / "sandbox.bag"
-    return lidcam.process(recording, settings=[CLUSTERS], duration_s=0.3).summary
+    return lidcam.process(SANDBOX, settings=[CLUSTERS], duration_s=0.3).summary
 
 
 def printed(summary: RunSummary, *, details: bool = True, units: Units = "km/h", width: int = 0) -> str:

@@ -2,11 +2,11 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from frames import CONFIG, RIG, frame
+from helpers import SANDBOX
 from memory_recording import MemoryRecording
 
 import lidcam
@@ -18,8 +18,6 @@ from lidcam.run.choice import AS_GIVEN, UsedSettings
 from lidcam.run.scene import SceneSize
 from lidcam.run.warning import RunWarning
 
-ROOT = Path(__file__).resolve().parents[3]
-SANDBOX = ROOT / "bags" / "sandbox.bag"
 LOOKS_LIKE = "clouds of 5.5 x 3.9 m, lidars 0.3 m above the ground: try --config sandbox if this is a model site; else "
 
 

@@ -9,6 +9,7 @@ import jsonschema
 import numpy as np
 import pytest
 from frames import RIG, frame, tracks_of, written_result
+from helpers import CROSSING, ROOT
 from logging_state import kept_logging
 
 from lidcam.cli.compare import compare as run_compare
@@ -17,7 +18,6 @@ from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.readers.rig.rig_file import rig_yaml
 
-ROOT = Path(__file__).parents[3]
 SCHEMA = jsonschema.Draft202012Validator(json.loads((ROOT / "docs/figures.schema.json").read_text(encoding="utf-8")))
 
 
@@ -107,7 +107,7 @@ def test_yaw_shifted_by_5_degrees(compare: Any, tmp_path: Path) -> None:
 
 def test_what_cannot_be_compared(compare: Any, result: Path) -> None:
     with pytest.raises(RecordingError, match="expected a result of lidcam, found a recording"):
-        compare(result, ROOT / "bags/crossing.mcap")
+        compare(result, CROSSING)
     with pytest.raises(LidcamError, match=r"only: expected one of lidar, cameras, fused, camera_.*found 'fusd'"):
         compare(result, result, only=("fusd",))
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from command import called
+from helpers import ROOT
 
 
 @pytest.fixture(autouse=True)
@@ -56,5 +57,5 @@ def test_an_mcap_is_for_foxglove(tmp_path: Path) -> None:
     assert done.code == 0
     assert "Foxglove: open the .mcap, then Layouts, Import from file, out.foxglove.json" in done.out
     assert "Rerun opens it, too.\n" in done.out  # a recording has no objects
-    result = Path(__file__).parents[2] / "golden" / "sandbox.mcap"
+    result = ROOT / "tests" / "golden" / "sandbox.mcap"
     assert "Rerun opens it, too, but without the objects; use --rerun" in called(tmp_path, "view", str(result)).out

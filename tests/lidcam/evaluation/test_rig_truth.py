@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from helpers import SANDBOX
 
 import lidcam
 from lidcam.evaluation.frames import EvaluationFrames
@@ -10,7 +11,6 @@ from lidcam.readers.results.result import open_result
 from lidcam.readers.rig.schema import parse_rig
 from lidcam.readers.truth.open import open_truth
 
-ROOT = Path(__file__).resolve().parents[3]
 TRUTH = {
     name: {"topic": f"/{name}/base_pose_ground_truth", "size_m": [0.33, 0.22, 0.21], "class": "car"}
     for name in ("car1", "car2")
@@ -22,7 +22,7 @@ def test_it_agrees_with_the_simulators_objects(tmp_path: Path) -> None:
     rig = parse_rig({"truth": TRUTH}, Path("rig.yaml"))
     settings = {"output.images": False, "output.clouds": False, "output.layout": False}
     summary = lidcam.process(
-        ROOT / "bags" / "sandbox.bag", out, config="sandbox", rig=rig, settings=settings, start_s=0.5, duration_s=0.6
+        SANDBOX, out, config="sandbox", rig=rig, settings=settings, start_s=0.5, duration_s=0.6
     ).summary
     assert {*summary.inputs.copied} >= {"/ground_truth/objects", *(entry["topic"] for entry in TRUTH.values())}
     with (

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from builders import write_rosbag1
 from command import Run, called
+from helpers import SANDBOX
 from onnx_files import write_yolox
 from range_server import RangeServer, range_server
 
@@ -25,7 +26,6 @@ from lidcam.readers.open import open_recording
 from lidcam.readers.results.result import open_result
 from lidcam.readers.rig.sensor_topics import BOXES
 
-SANDBOX = Path(__file__).resolve().parents[3] / "bags" / "sandbox.bag"
 NAME = "yolox-nano"
 
 

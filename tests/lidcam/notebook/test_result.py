@@ -3,20 +3,16 @@
 import re
 import sys
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 import pytest
-from helpers import CLUSTERS
+from helpers import CLUSTERS, CROSSING
 
 import lidcam
 from lidcam.notebook import loaded
 from lidcam.pipeline.core.arrays import columns, join_rows
-
-BAGS = Path(__file__).resolve().parents[3] / "bags"
-CROSSING = BAGS / "crossing.mcap"
 
 mpl.use("Agg")
 

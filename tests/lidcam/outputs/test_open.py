@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builders import pointcloud2, raw, tf_message, transform_stamped, write_mcap, write_rosbag2
-from helpers import CLUSTERS
+from helpers import CLUSTERS, SANDBOX
 from mcap.reader import make_reader
 from onnx_files import write_yolox
 
@@ -19,7 +19,6 @@ from lidcam.processing import RunObserver, process_recording
 from lidcam.readers.results.result import open_result
 from lidcam.run.job import make_job
 
-SANDBOX = Path(__file__).resolve().parents[3] / "bags/sandbox.bag"
 SMALL = {"output.images": False, "output.clouds": False, "detect3d.method": "cluster"}
 START_NS = 1_700_000_000 * 10**9
 TF, CLOUD = "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/PointCloud2"

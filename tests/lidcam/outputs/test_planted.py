@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from command import called
+from helpers import SANDBOX
 from written_jobs import Written
 
 from lidcam.batches.jobs import RECORDS, find_jobs
@@ -15,8 +16,6 @@ from lidcam.batches.store import TABLE, Store, records_table
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.run.job import Job
 from lidcam.writers.outputs.transaction import OutputTransaction
-
-SAMPLE = Path(__file__).resolve().parents[3] / "bags" / "sandbox.bag"
 
 
 def deep(path: Path, home: Path) -> None:
@@ -140,7 +139,7 @@ def test_a_command_names_what_it_leaves_in_one_line(tmp_path: Path, home: Path) 
     for kind, plant in KINDS.items():
         plant(tmp_path / f".rig.yaml.lidcam-{kind}", home)
     before = seen(home)
-    run = called(tmp_path, "inspect", SAMPLE, "--write-rig", "rig.yaml")
+    run = called(tmp_path, "inspect", SANDBOX, "--write-rig", "rig.yaml")
     assert run.code == 0
     assert (tmp_path / "rig.yaml").is_file()
     [line] = [line for line in run.err.splitlines() if "left as it is" in line]

@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 from unittest.mock import Mock, patch
 
 import numpy as np
 import pytest
+from helpers import CROSSING
 from wrong_cameras import CAMERA, cuboids, passing, without_tracks
 
 import lidcam
@@ -38,7 +38,6 @@ from lidcam.run.first_look import (
 from lidcam.run.frames import RunInput
 from lidcam.run.summary import camera_corrections
 
-CROSSING = Path(lidcam.__file__).parents[1] / "bags/crossing.mcap"
 RIG = Rig("site", (LidarSensor("lidar", "/points", Transform("site", "lidar", np.eye(4))),), (CAMERA,), ())
 DEGREE = np.pi / 180
 

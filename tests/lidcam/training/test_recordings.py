@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from detections import boxes3d
+from helpers import SANDBOX
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Motion, ResultFrame, SourceBoxes
@@ -14,8 +15,6 @@ from lidcam.training.labelled import Recordings, loaded
 from lidcam.training.pillars import scenes
 from lidcam.training.pillars.scenes import Source, rounds
 from lidcam.training.recordings import read_recordings, tracked_objects
-
-SANDBOX = Path(__file__).resolve().parents[3] / "bags" / "sandbox.bag"
 
 
 def read(folder: Path, *settings: str, duration_s: float | None = None, own_labels: bool = False) -> Recordings:

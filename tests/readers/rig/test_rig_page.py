@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from builders import image, pointcloud2, raw
+from helpers import ROOT
 from memory_recording import MemoryRecording
 
 from lidcam.pipeline.core.settings.config import Config
@@ -15,7 +16,7 @@ from lidcam.readers.rig.discovery import discover_rig
 from lidcam.readers.rig.rig_file import load_rig
 from lidcam.readers.rig.schema import CameraEntry, LidarEntry, Pose, RigFile, TruthEntry
 
-PAGE = (Path(__file__).parents[3] / "docs" / "rig.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "rig.md").read_text(encoding="utf-8")
 EXAMPLE = PAGE.split("```yaml\n")[1].split("```")[0]
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from builders import odometry, raw, write_mcap
 from frames import CONFIG, PERIOD_NS, RIG, START_NS, frame, written_result
+from helpers import CROSSING, SANDBOX
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import RawMessage
@@ -69,7 +70,6 @@ def test_odometry_of_some_vehicles_only(tmp_path: Path) -> None:
 # --- label files, by their content
 
 ONE_LIDAR = replace(RIG, lidars=RIG.lidars[:1])
-BAGS = Path(__file__).parents[3] / "bags"
 
 
 def opened(path: Path) -> TruthSource | None:
@@ -87,7 +87,7 @@ def test_the_content_says_what_it_is(tmp_path: Path, file: str, given: str) -> N
 
 def test_recordings_are_for_others_to_open(tmp_path: Path) -> None:
     (tmp_path / "drive.db3").write_text("")
-    for path in (BAGS / "sandbox.bag", BAGS / "crossing.mcap", tmp_path):
+    for path in (SANDBOX, CROSSING, tmp_path):
         assert opened(path) is None
 
 

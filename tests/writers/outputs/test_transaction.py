@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from helpers import ROOT
 
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.writers.outputs.transaction import OutputTransaction
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 def names_in(folder: Path) -> list[str]:

@@ -8,7 +8,7 @@ import yaml
 from builders import pointcloud2, raw
 from detections import forward_camera
 from frames import frame
-from helpers import CLUSTERS
+from helpers import CLUSTERS, SANDBOX
 
 import lidcam
 from lidcam.checks.calibration.check import CalibrationCheck
@@ -16,9 +16,6 @@ from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import CameraFit, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
-
-ROOT = Path(__file__).resolve().parents[4]
-SANDBOX = ROOT / "bags" / "sandbox.bag"
 
 
 def test_the_sample_as_calibrated_gives_no_warning() -> None:

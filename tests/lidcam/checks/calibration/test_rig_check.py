@@ -3,12 +3,12 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
 import pytest
 from detections import forward_camera
+from helpers import ROOT
 from wrong_cameras import CAMERA, cuboids, passing, without_tracks
 
 from lidcam.checks.calibration.rig_check import RigCheck
@@ -26,7 +26,7 @@ from lidcam.run.summary import camera_corrections
 RIG = Rig("site", (), (CAMERA, forward_camera("silent")), ())
 CONFIG = Config()
 DEGREE = np.pi / 180
-PAGE = (Path(__file__).parents[4] / "docs" / "rig.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "rig.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(autouse=True, scope="module")

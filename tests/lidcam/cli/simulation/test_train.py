@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import BAGS, SANDBOX
 from typer.testing import CliRunner
 
 pytest.importorskip("torch", reason="needs the extra train")
@@ -80,8 +81,7 @@ def test_recordings_of_other_sizes_are_not_learned_from(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recording: str, command: list[str], expected: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    bags = Path(__file__).resolve().parents[4] / "bags"
-    done = CliRunner().invoke(app, ["train", *command, "--recordings", str(bags / recording)])
+    done = CliRunner().invoke(app, ["train", *command, "--recordings", str(BAGS / recording)])
     assert isinstance(done.exception, ConfigError)
     assert f"expected {expected}" in str(done.exception)
     assert "found the classes car" in str(done.exception)
@@ -158,9 +158,8 @@ def test_what_is_not_adapted_to(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, settings: list[str], error: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    bag = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
     given = [part for one in settings for part in ("--set", one)]
-    done = CliRunner().invoke(app, ["adapt", str(bag), "--out", "mine.onnx", "--workers", "1", *given])
+    done = CliRunner().invoke(app, ["adapt", str(SANDBOX), "--out", "mine.onnx", "--workers", "1", *given])
     assert isinstance(done.exception, LidcamError)
     assert error in str(done.exception)
     assert not [*tmp_path.iterdir()]

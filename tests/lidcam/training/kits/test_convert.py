@@ -17,6 +17,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import numpy as np
 import pytest
 import yaml
+from helpers import SANDBOX
 
 torch = pytest.importorskip("torch", reason="needs the extra train")
 
@@ -32,7 +33,6 @@ from lidcam.pipeline.detectors.pillars.kits import KitNetwork
 from lidcam.training.kits.convert import converted
 from lidcam.training.kits.model import Data
 
-SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 NOTHING = Data(None, None)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import called
+from helpers import SANDBOX
 from pillar_files import write_pillars
 
 torch = pytest.importorskip("torch", reason="needs the extra train")
@@ -36,8 +37,6 @@ from lidcam.training.pillars.scenes import (
     targets_of,
 )
 from lidcam.training.pillars.train import Judged, calibration, figures, train_pillars, with_errors
-
-SANDBOX = Path(__file__).resolve().parents[4] / "bags" / "sandbox.bag"
 
 
 @pytest.mark.slow

@@ -2,12 +2,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers import ROOT
 
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.settings.bundled import PRESETS, bundled, settings_file
 from lidcam.pipeline.core.settings.load import load_config
-
-ROOT = Path(__file__).resolve().parents[4]
 
 
 @pytest.mark.parametrize("name", PRESETS)

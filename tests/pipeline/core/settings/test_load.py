@@ -1,13 +1,12 @@
 from pathlib import Path
 
 import pytest
+from helpers import ROOT
 
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.load import dump_config, load_config
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS
-
-ROOT = Path(__file__).resolve().parents[4]
 
 
 def test_default_yaml_is_a_printed_copy_of_the_defaults() -> None:
