@@ -9,6 +9,8 @@ from hypothesis import settings
 settings.register_profile("lidcam", deadline=None, max_examples=50)
 settings.load_profile("lidcam")
 
+gc.disable()
+
 os.environ["XDG_DATA_HOME"] = f"{tempfile.gettempdir()}/lidcam-tests-have-fetched-nothing"
 
 
@@ -16,6 +18,7 @@ def pytest_collection_finish() -> None:
     """Look for garbage only in what comes after: thousands of tests and all libraries stay to the end."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 def pytest_sessionfinish() -> None:

@@ -1,7 +1,6 @@
 """Calling the program by hand and from scripts: help, terminals, pipes, logs, quiet, strict, completion."""
 
 import re
-import shlex
 import shutil
 import sys
 from pathlib import Path
@@ -14,7 +13,13 @@ from results import topics_of
 from small_drive import small_drive
 
 PROGRAM = Path(sys.executable).with_name("lidcam")
-PART = ("--duration", "0.4", "--set", CLUSTERS)
+PART = ("--duration", "0.2", "--set", CLUSTERS)
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    write_mcap(path := tmp_path_factory.mktemp("drive") / "drive.mcap", small_drive("cdr", frames=3))
+    return path
 
 
 @pytest.mark.parametrize(
@@ -36,8 +41,8 @@ def test_a_reader_that_leaves_does_not_end_the_run(command: str, tmp_path: Path)
 
 @pytest.mark.skipif(shutil.which("script") is None, reason="needs script of util-linux")
 @pytest.mark.parametrize(("option", "has_bar"), [("--json", True), ("--print-matches", False)])
-def test_a_bar_on_a_terminal(tmp_path: Path, option: str, has_bar: bool) -> None:
-    command = f"{PROGRAM} process {SANDBOX} out.mcap {shlex.join(PART)} {option}"
+def test_a_bar_on_a_terminal(drive: Path, tmp_path: Path, option: str, has_bar: bool) -> None:
+    command = f"{PROGRAM} process {drive} out.mcap --set {CLUSTERS} {option}"
     done = shell(f"script -qec '{command}' /dev/null", tmp_path, COLUMNS="100", TERM="xterm")
     assert done.code == 0, done.out
     assert ("all frames written, finishing the outputs" in done.out) == has_bar  # what it ends with is always drawn
@@ -107,8 +112,8 @@ def test_the_shell_completes(line: str, found: list[str], tmp_path: Path) -> Non
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_standard_output_on_a_full_disk_is_an_error_in_one_line(tmp_path: Path) -> None:
-    done = shell(f"{PROGRAM} inspect {SANDBOX} > /dev/full", tmp_path)
+def test_standard_output_on_a_full_disk_is_an_error_in_one_line(drive: Path, tmp_path: Path) -> None:
+    done = shell(f"{PROGRAM} inspect {drive} > /dev/full", tmp_path)
     assert done.code == 1
     assert done.err == "lidcam: error: standard output: No space left on device\n"
 
