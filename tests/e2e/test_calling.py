@@ -13,12 +13,12 @@ from results import topics_of
 from small_drive import small_drive
 
 PROGRAM = Path(sys.executable).with_name("lidcam")
-PART = ("--duration", "0.2", "--set", CLUSTERS)
+PART = ("--duration", "0.3", "--set", CLUSTERS)
 
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    write_mcap(path := tmp_path_factory.mktemp("drive") / "drive.mcap", small_drive("cdr", frames=3))
+    write_mcap(path := tmp_path_factory.mktemp("drive") / "drive.mcap", small_drive("cdr"))
     return path
 
 
@@ -119,12 +119,11 @@ def test_standard_output_on_a_full_disk_is_an_error_in_one_line(drive: Path, tmp
 
 
 @pytest.mark.parametrize(("kib", "mode"), [(10, "none"), (50, "offline")])
-def test_outputs_on_a_full_disk_are_an_error_in_one_line(kib: int, mode: str, tmp_path: Path) -> None:
+def test_outputs_on_a_full_disk_are_an_error_in_one_line(kib: int, mode: str, drive: Path, tmp_path: Path) -> None:
     """The size of a file is limited; coverage would write files, too, and Python keeps modules that are cut off."""
-    write_mcap(tmp_path / "drive.mcap", small_drive("cdr", frames=30))
     (out := tmp_path / "out").mkdir()
     outputs = f"{out}/out.mcap --rerun {out}/out.rrd"
-    line = f"ulimit -f {kib}; exec {PROGRAM} process drive.mcap {outputs} --set track.mode={mode} --set {CLUSTERS}"
+    line = f"ulimit -f {kib}; exec {PROGRAM} process {drive} {outputs} --set track.mode={mode} --set {CLUSTERS}"
     done = shell(f"unset ${{!COVERAGE*}}; {line}", tmp_path, PYTHONDONTWRITEBYTECODE="1")
     assert done.code == 1
     (error,) = [line for line in done.err.splitlines() if " frames, " not in line]

@@ -21,7 +21,8 @@ import pytest
 from builders import write_mcap
 from captures import capture_of, pcap
 from command import called, shell
-from document_commands import ROOT, commands_of_help, commands_of_pages, pages
+from document_commands import commands_of_help, commands_of_pages, pages
+from helpers import CROSSING, ROOT, SANDBOX
 from licences import PYPROJECT
 from onnx_files import write_yolox
 from pillar_files import write_pillars
@@ -33,7 +34,6 @@ from lidcam.pipeline.detectors.cluster.network import EMBEDDED
 from lidcam.pipeline.detectors.pillars.decoding import BOX_NUMBERS
 from lidcam.readers.open import open_recording
 
-SANDBOX, CROSSING = ROOT / "bags" / "sandbox.bag", ROOT / "bags" / "crossing.mcap"
 SCENARIOS = ROOT / "config" / "scenarios"
 
 EXCEPTIONS = {
@@ -177,7 +177,7 @@ def shortened(words: list[str]) -> list[str]:
         del words[1]
     words = [word for word in words if word != "--view"]  # a window
     command = "process" if words[0] == "lidcam-process" else words[1]
-    seconds = {"process": "0.2", "batch": "0.2", "simulate": "0.02", "drive": "0.02"}.get(command)
+    seconds = {"process": "0.2", "drive.bag": "0.2", "batch": "0.2", "simulate": "0.02", "drive": "0.02"}.get(command)
     if "--foxglove" in words:
         words[words.index("--foxglove") + 1] = "0"  # a port that is free
     if "--duration" in words:
