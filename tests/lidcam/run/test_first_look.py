@@ -40,6 +40,7 @@ from lidcam.run.summary import camera_corrections
 
 RIG = Rig("site", (LidarSensor("lidar", "/points", Transform("site", "lidar", np.eye(4))),), (CAMERA,), ())
 DEGREE = np.pi / 180
+SETTINGS = {"output.images": False, "run.workers": 1, "detect3d.method": "cluster"}
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +132,7 @@ def test_cameras_that_are_not_used_neither_vote_nor_propose() -> None:
         return replace(camera, fit=replace(camera.fit, is_used=False)) if camera.fit.is_used else camera
 
     with patch("lidcam.run.first_look.used_if_it_fits", side_effect=unused):
-        summary = lidcam.process(CROSSING, settings={"output.images": False, "run.workers": 1}, duration_s=0.7).summary
+        summary = lidcam.process(CROSSING, settings=SETTINGS, duration_s=0.7).summary
     found = summary.frames
     assert (found.confirmed, found.sources["camera"], found.sources["both"]) == (0, 0, 0)
     assert found.sources["lidar"] > 0
@@ -200,26 +201,19 @@ def test_stretches_are_a_share_of_the_recording(frames: int) -> None:
     assert len(starts_ns) == 1 or starts_ns[-1] + STRETCH_FRAMES * period_ns <= stop_ns
 
 
-def test_a_run_counts_each_message_once() -> None:
-    settings = {"output.images": False, "run.workers": 1}
-    first, second = (
-        lidcam.process(CROSSING, settings=settings | {"fuse.calibration": one}, duration_s=0.7).summary
-        for one in ("auto", "recorded")
-    )
+def test_a_run_looks_for_each_box_once_and_counts_each_message_once() -> None:
+    with patch.object(Detect3D, "__call__", autospec=True, side_effect=Detect3D.__call__) as detect:
+        first = lidcam.process(CROSSING, settings=SETTINGS, duration_s=0.7).summary
+    assert detect.call_count == first.frames.count > 1
+    second = lidcam.process(CROSSING, settings=SETTINGS | {"fuse.calibration": "recorded"}, duration_s=0.7).summary
     assert first.inputs.messages_used == second.inputs.messages_used
     assert first.drops.messages == second.drops.messages
 
 
 def test_a_lidar_may_end_with_the_first_stretch(crossing: RunInput) -> None:
     with patch("lidcam.run.first_look.later_stretches", side_effect=[[crossing.recording.end_ns]]) as asked:
-        lidcam.process(CROSSING, settings={"output.images": False, "run.workers": 1}, duration_s=0.7)
+        lidcam.process(CROSSING, settings=SETTINGS, duration_s=0.7)
     asked.assert_called_once()
-
-
-def test_no_box_is_looked_for_twice() -> None:
-    with patch.object(Detect3D, "__call__", autospec=True, side_effect=Detect3D.__call__) as detect:
-        summary = lidcam.process(CROSSING, settings={"output.images": False, "run.workers": 1}, duration_s=0.7).summary
-    assert detect.call_count == summary.frames.count > 1
 
 
 def test_boxes_in_images_are_taken_over_with_the_stamps_of_the_run() -> None:

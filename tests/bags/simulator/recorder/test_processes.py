@@ -39,7 +39,7 @@ def test_every_sensor_has_one_worker(name: str, workers: int) -> None:
     assert shared_out(Scenario(world="sandbox"), workers) == [()]
 
 
-def test_a_process_measures_what_this_one_would() -> None:
+def test_a_process_measures_what_this_one_would_and_its_death_comes_out() -> None:
     commands = {"car1": AckermannCommand(0.3, 0.1)}
     stage = Stage(task().scenario, driven=("car1",))
     sensing = Sensing(stage, task())
@@ -51,6 +51,9 @@ def test_a_process_measures_what_this_one_would() -> None:
             os.kill(only_child(), number)
         process.ask(UNTIL_NS, commands, start_limit_ns=UNTIL_NS)
         there = process.answer()
+        os.kill(only_child(), signal.SIGKILL)
+        with pytest.raises(LidcamError, match="a simulation process died, perhaps for lack of memory"):
+            ask_and_answer(process)
         assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) & {signal.SIGINT, signal.SIGHUP} == set()
     assert not multiprocessing.active_children()
     assert len(here) == len(there) > 1
@@ -71,14 +74,10 @@ def ask_and_answer(process: SensingProcess) -> None:
     process.answer()
 
 
-def test_its_errors_and_its_death_come_out() -> None:
+def test_its_errors_come_out() -> None:
     wrong = task(vehicles__car2__route="", vehicles__car2__start=[-1.5, 1.35, 0])
     with (
         closing(SensingProcess(wrong)) as process,
         pytest.raises(ConfigError, match=r"vehicles\.car2: expected free ground"),
     ):
         ask_and_answer(process)
-    with closing(SensingProcess(task())) as process:
-        os.kill(only_child(), signal.SIGKILL)
-        with pytest.raises(LidcamError, match="a simulation process died, perhaps for lack of memory"):
-            ask_and_answer(process)

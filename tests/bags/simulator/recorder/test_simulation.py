@@ -124,7 +124,7 @@ def test_counts_of_each_sensor_are_those_that_add_up(simulate: Simulate) -> None
 @pytest.mark.parametrize("timing", [{"jitter_ms": 8.0}, {"motion_blur": True}, {"phase_ms": 40.0}], ids=str)
 def test_each_moment_has_one_image_of_each_camera(simulate: Simulate, timing: dict[str, Any]) -> None:
     """A camera of 5 Hz, and truth at 10 Hz: what stands has the same number of pixels at each time."""
-    path = simulate(duration=0.75, cameras={"front": SMALL["cameras"]["front"] | {"rate_hz": 5.0, **timing}})
+    path = simulate(duration=0.5, cameras={"front": SMALL["cameras"]["front"] | {"rate_hz": 5.0, **timing}})
     counts = [scores(truth.detections[0])["image_pixels"] for _, truth in stamped(path, "/ground_truth/objects")]
     assert min(counts) > 0.9 * max(counts) > 0
 
@@ -216,12 +216,12 @@ def test_drawn_errors_are_in_what_is_recorded_of_equal_measurements(plain: Path,
     wrong, again = tmp_path / "wrong.bag", tmp_path / "again.bag"
     beside = wrong.with_name("wrong.bag.scenario.yaml")
     with kept_logging():
-        record(str(plain.with_name("small.yaml")), wrong, duration_s=1.0, workers=1, errors=True)
+        record(str(plain.with_name("small.yaml")), wrong, duration_s=0.35, workers=1, errors=True)
         record(str(beside), again, workers=1)
     assert sums(again) == sums(wrong)
     drawn = Scenario.model_validate(yaml.safe_load(beside.read_text(encoding="utf-8"))).cameras["front"]
-    images = (stamped(path, "/image/compressed") for path in (plain, wrong))
-    for (_, exact), (_, image) in zip(*images, strict=True):
+    exact_images, images = (stamped(path, "/image/compressed") for path in (plain, wrong))
+    for (_, exact), (_, image) in zip(exact_images[:4], images, strict=True):
         assert stamp_ns(image) - stamp_ns(exact) == round(drawn.clock_offset_ms * MS) != 0
         assert image.data.tobytes() == exact.data.tobytes()
 
