@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from builders import write_rosbag1
 from document_commands import pages
-from helpers import ROOT, SANDBOX
+from helpers import CLUSTERS, ROOT, SANDBOX
 
 import lidcam
 from lidcam import api
@@ -25,7 +25,9 @@ CONFIG = ROOT / "config" / "sandbox.yaml"
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> lidcam.RunResult:
-    return lidcam.process(SANDBOX, tmp_path_factory.mktemp("run") / "out.mcap", config=CONFIG, duration_s=0.5)
+    return lidcam.process(
+        SANDBOX, tmp_path_factory.mktemp("run") / "out.mcap", config=CONFIG, settings=[CLUSTERS], duration_s=0.5
+    )
 
 
 def test_every_name_is_there_and_no_other() -> None:
@@ -41,9 +43,8 @@ def test_every_name_is_there_and_no_other() -> None:
 def test_nothing_is_written_without_an_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     seen: list[int] = []
-    run = lidcam.process(
-        str(SANDBOX), config=str(CONFIG), duration_s=0.3, on_frame=lambda frame: seen.append(frame.bundle.index)
-    )
+    options: dict[str, Any] = {"config": str(CONFIG), "settings": [CLUSTERS], "duration_s": 0.3}
+    run = lidcam.process(str(SANDBOX), **options, on_frame=lambda frame: seen.append(frame.bundle.index))
     assert run.summary.outputs == ()
     assert seen == list(range(run.frames))
     assert list(tmp_path.iterdir()) == []
@@ -92,7 +93,7 @@ def test_results_are_compared_exported_and_reported(run: lidcam.RunResult, tmp_p
     result = run.summary.outputs[0]
     assert lidcam.compare(result, result).is_equal
     moved = tmp_path / "moved.mcap"
-    lidcam.process(SANDBOX, moved, config=CONFIG, settings={"track.mode": "none"}, duration_s=0.5)
+    lidcam.process(SANDBOX, moved, config=CONFIG, settings=[CLUSTERS, "track.mode=none"], duration_s=0.5)
     found = lidcam.compare(result, moved, only=["fused"])
     assert not found.is_equal
     assert "fused: expected at most 0 % of the objects to differ" in found.failures[0]
@@ -116,7 +117,8 @@ def test_a_batch(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "bad.bag").write_bytes(b"no bag")
     (tmp_path / "in" / "good.bag").symlink_to(SANDBOX)
-    done = lidcam.batch(str(tmp_path / "in"), tmp_path / "out", config=CONFIG, duration_s=0.3, objects=True)
+    options: dict[str, Any] = {"config": CONFIG, "settings": [CLUSTERS], "duration_s": 0.3}
+    done = lidcam.batch(str(tmp_path / "in"), tmp_path / "out", **options, objects=True)
     assert [(one.name, one.state) for one in done.records] == [("bad", "failed"), ("good", "done")]
     assert [one.name for one in done.failed] == ["bad"]
     assert (tmp_path / "out" / "good.parquet").is_file()

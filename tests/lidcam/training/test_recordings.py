@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from detections import boxes3d
-from helpers import SANDBOX
+from helpers import CLUSTERS, SANDBOX
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, Motion, ResultFrame, SourceBoxes
@@ -33,8 +33,8 @@ def read(folder: Path, *settings: str, duration_s: float | None = None, own_labe
 
 @pytest.fixture(scope="module")
 def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Recordings:
-    """Takes two seconds: two seconds of the sandbox are processed."""
-    return read(tmp_path_factory.mktemp("frames") / "a", "evaluate.region=[[-9,-9],[9,-9],[9,9],[-9,1]]")
+    """Two seconds of the sandbox."""
+    return read(tmp_path_factory.mktemp("frames") / "a", "evaluate.region=[[-9,-9],[9,-9],[9,9],[-9,1]]", CLUSTERS)
 
 
 def test_frames_have_their_points_and_objects_and_some_are_kept_apart(sandbox: Recordings) -> None:
@@ -94,7 +94,7 @@ def test_of_many_frames_some_are_kept(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(recordings, "MAX_FRAMES", 6)
     monkeypatch.setattr(recordings, "MIN_FRAMES", 3)
     monkeypatch.setattr(recordings, "GAP_NS", 0)
-    some = read(tmp_path / "a")
+    some = read(tmp_path / "a", CLUSTERS)
     assert [int(path.stem) for part in some[:3] for path in part] == [0, 4, 8, 12, 16]
 
 
@@ -122,10 +122,10 @@ def test_recordings_that_do_not_do(
 ) -> None:
     monkeypatch.setattr(recordings, "GAP_NS", 1_000_000_000)
     with pytest.raises(RecordingError, match=message):
-        read(tmp_path / "a", *settings, duration_s=duration_s)
+        read(tmp_path / "a", CLUSTERS, *settings, duration_s=duration_s)
 
 
 def test_a_recording_with_nothing_to_learn_from(tmp_path: Path) -> None:
     expected = r"sandbox.bag: nothing to learn from: expected 20 boxes .* found 0 in 12 frames; keep the network"
     with pytest.raises(RecordingError, match=expected):
-        read(tmp_path / "a", "combine.max_range_m=0.5", own_labels=True)
+        read(tmp_path / "a", CLUSTERS, "combine.max_range_m=0.5", own_labels=True)

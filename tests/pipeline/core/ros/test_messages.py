@@ -63,7 +63,7 @@ ALL = with_all_kinds()
 
 
 @given(messages(ALL, "all_msgs/msg/All"))
-@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@settings(max_examples=20, suppress_health_check=[HealthCheck.too_slow], deadline=None)
 def test_bytes_are_those_of_rosbags(message: Any) -> None:
     found = cdr(cdr_type(ALL, "all_msgs/msg/All"), message)
     assert found == bytes(ALL.serialize_cdr(message, "all_msgs/msg/All", little_endian=True))
@@ -71,7 +71,7 @@ def test_bytes_are_those_of_rosbags(message: Any) -> None:
 
 @pytest.mark.parametrize("msgtype", sorted(message_types(2).fielddefs))
 @given(st.data())
-@settings(max_examples=5, suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@settings(max_examples=3, suppress_health_check=[HealthCheck.too_slow], deadline=None)
 def test_bytes_of_known_types_are_those_of_rosbags(msgtype: str, data: st.DataObject) -> None:
     message = data.draw(messages(message_types(2), msgtype))
     assert ROS2.serialize(message) == bytes(message_types(2).serialize_cdr(message, msgtype, little_endian=True))
