@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from yaml.composer import Composer
 
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.small_files import read_small_text
@@ -14,9 +15,12 @@ MAX_YAML_VALUES = 20_000
 """Values in a file, each alias counted as what it stands for."""
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(Composer, yaml.CSafeLoader):
+    """Takes the events of the C parser, which needs a tenth of the time, and composes the nodes one by one."""
+
     def __init__(self, text: str | bytes) -> None:
-        super().__init__(text)
+        Composer.__init__(self)
+        yaml.CSafeLoader.__init__(self, text)
         self._depth = self._values = 0
         self._weights: dict[int, int] = {}  # values in a node; none yet in one that contains itself
 
