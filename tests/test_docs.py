@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-from document_commands import ROOT, pages
+from document_commands import pages
+from helpers import ROOT
 from typer.main import get_command
 
 import lidcam.api

@@ -13,8 +13,7 @@ import pytest
 import yaml
 from builders import in_order, write_rosbag1
 from command import Lidcam, shell
-from document_commands import ROOT
-from helpers import CLUSTERS, SANDBOX
+from helpers import CLUSTERS, ROOT, SANDBOX
 
 from lidcam.pipeline.core.messages import RawMessage
 

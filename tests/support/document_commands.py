@@ -5,11 +5,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from helpers import BAGS, ROOT
 from typer.main import get_command
 
 from lidcam.cli import app
 
-ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = ("lidcam", "lidcam-process", "pip", "make", "rerun", "python", "python3", "apt-get")
 
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -22,7 +22,7 @@ def pages() -> list[Path]:
         ROOT / "README.md",
         ROOT / "CONTRIBUTING.md",
         ROOT / "SECURITY.md",
-        ROOT / "bags" / "README.md",
+        BAGS / "README.md",
         *sorted(ROOT.glob("docs/**/*.md")),
     ]
 

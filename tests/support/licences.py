@@ -5,12 +5,11 @@ import sys
 import tomllib
 from collections.abc import Iterable, Iterator
 from importlib.metadata import PackageNotFoundError, distribution
-from pathlib import Path
 
+from helpers import ROOT
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-ROOT = Path(__file__).resolve().parents[2]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 EXTRAS = ("foxglove", "video", "draco", "notebook", "http", "s3", "ray", "sim", "train", "test", "dev")
 LINUX = {"sys_platform": "linux", "os_name": "posix", "platform_system": "Linux"}

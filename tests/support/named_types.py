@@ -7,12 +7,12 @@ import json
 import re
 from pathlib import Path
 
+from helpers import ROOT
 from rosbags.typesys import Stores
 
 from lidcam.pipeline.core.ros.typestores import RosVersion, release_types
 from lidcam.readers.messages.deserialize import type_parts
 
-ROOT = Path(__file__).parents[2]
 PACKAGES = ("lidcam", "bags", "readers", "writers", "pipeline")
 RELEASES: dict[RosVersion, Stores] = {1: Stores.ROS1_NOETIC, 2: Stores.ROS2_HUMBLE}
 

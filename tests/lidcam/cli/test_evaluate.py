@@ -8,9 +8,8 @@ from typing import Any
 
 import jsonschema
 import pytest
-from document_commands import ROOT
 from frames import written_result
-from helpers import CLUSTERS
+from helpers import CLUSTERS, ROOT, SANDBOX
 from logging_state import kept_logging
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
@@ -21,7 +20,6 @@ from lidcam.pipeline.core.errors import IncompleteError, RecordingError
 from lidcam.pipeline.evaluation.labelled_part import LabelledPart, LabelledPartSearch
 from lidcam.run.job import make_job
 
-SANDBOX = ROOT / "bags" / "sandbox.bag"
 SMALL = ["output.images=false", "output.clouds=false", "output.layout=false", CLUSTERS]
 SCHEMA = json.loads((ROOT / "docs" / "figures.schema.json").read_text(encoding="utf-8"))
 

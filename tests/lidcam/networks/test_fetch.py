@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from builders import write_rosbag1
 from command import Run, called
-from helpers import SANDBOX
+from helpers import CLUSTERS, SANDBOX
 from onnx_files import write_yolox
 from range_server import RangeServer, range_server
 
@@ -27,6 +27,7 @@ from lidcam.readers.results.result import open_result
 from lidcam.readers.rig.sensor_topics import BOXES
 
 NAME = "yolox-nano"
+PART = ("--config", "sandbox", "--duration", "0.2", "--set", CLUSTERS)
 
 
 @pytest.fixture
@@ -48,8 +49,7 @@ def publish(monkeypatch: pytest.MonkeyPatch, address: str, data: bytes) -> None:
 
 
 def process(folder: Path) -> Run:
-    less = ("--config", "sandbox", "--duration", "0.2", "--workers", "1", "--json")
-    return called(folder, "process", SANDBOX, "out.mcap", "--model-2d", NAME, *less)
+    return called(folder, "process", SANDBOX, "out.mcap", "--model-2d", NAME, *PART, "--workers", "1", "--json")
 
 
 def test_a_network_is_fetched_once_and_only_on_request(server: RangeServer, tmp_path: Path) -> None:
@@ -88,7 +88,7 @@ def test_what_was_fetched_is_used_where_no_boxes_are_recorded(server: RangeServe
         write_rosbag1(tmp_path / "i.bag", islice(recording.messages(topics), 100))
 
     def run(path: Path, *options: str) -> str:
-        done = called(tmp_path, "process", path, "o.mcap", "--config", "sandbox", "--duration", "0.2", *options)
+        done = called(tmp_path, "process", path, "o.mcap", *PART, *options)
         assert done.code == 0, done.err
         return done.out
 
@@ -105,7 +105,7 @@ def test_what_was_fetched_is_used_where_no_boxes_are_recorded(server: RangeServe
         assert result.config.detect2d.model == Path(NAME)
         assert result.metadata["network.sha256"] == NETWORKS[NAME].sha256
     sled = "classes=[{name: sled, size_m: [1, 1, 1], max_size_m: [2, 2, 2]}]"  # which COCO does not know
-    for options in (("--model-2d", "none"), ("--set", sled, "--set", "detect3d.method=cluster")):
+    for options in (("--model-2d", "none"), ("--set", sled)):
         said = run(tmp_path / "i.bag", *options)
         assert "none (lidar-only)" in said
         assert "The cameras" not in said

@@ -87,7 +87,7 @@ def test_skew_is_part_of_k() -> None:
 # --- boxes
 
 
-def dense_bounds(lens: CameraModel, corners: F64, *, steps: int = 90) -> F64 | None:
+def dense_bounds(lens: CameraModel, corners: F64, *, steps: int = 60) -> F64 | None:
     """Rectangle around what the image shows of one box, from points all over its faces."""
     share = np.linspace(0, 1, steps)
     u, v = (grid.reshape(-1, 1) for grid in np.meshgrid(share, share))

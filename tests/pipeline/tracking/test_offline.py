@@ -182,9 +182,8 @@ def test_what_appears_for_a_moment_is_not_as_fast_as_no_other(speed: float, fram
 
 
 def test_what_is_doubted_goes_on_from_window_to_window() -> None:
-    """The last window, from 3.0 s on, shows nothing sure."""
     sure, doubted = (scene([Mover(straight(0, 0, 0, 0), belief=belief)], 140) for belief in (0.99, 0.45))
-    assert ids(tracked(sure[:25] + doubted[25:], window_s=4.0)) == [[1]] * 140
+    assert ids(tracked(sure[:25] + doubted[25:], window_s=4.0)) == [[1]] * 140  # the last one begins at 3 s
 
 
 def test_numbers_sizes_and_fronts_go_on_from_window_to_window() -> None:

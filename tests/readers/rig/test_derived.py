@@ -1,6 +1,7 @@
 """Recordings of whole robots: what nodes made of clouds and images is no lidar and no camera."""
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -45,6 +46,7 @@ class Sweep(NamedTuple):
         return np.asarray(self.xyz + self.fields["time"][:, None] * np.array([8, 0.2, 0], np.float32))
 
 
+@cache
 def sweep(number: int, seed: int = 0, points: int = 12000) -> Sweep:
     """A street: ground and two walls, sampled anew in every sweep, in the order of a turning head."""
     chance = np.random.default_rng((seed, number))

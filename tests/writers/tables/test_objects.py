@@ -7,6 +7,7 @@ import signal
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -131,14 +132,12 @@ def file_size_limit(size: int) -> Iterator[None]:
         signal.signal(signal.SIGXFSZ, handler)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("size", [0, 3000])
-def test_a_full_disk_is_one_line(tmp_path: Path, kind: str, size: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tables, "GROUP_ROWS", 100)
-    path = tmp_path / f"out.{kind}"
-    full = pytest.raises(OutputError, match=rf"out\.{kind}: cannot be written: File too large")
-    with full, file_size_limit(size):
-        written(path, FRAMES * 50)
+    for kind, size in product(KINDS, (0, 3000)):
+        full = pytest.raises(OutputError, match=rf"{size}\.{kind}: cannot be written: File too large")
+        with full, file_size_limit(size):
+            written(tmp_path / f"{size}.{kind}", FRAMES * 50)
     gc.collect()  # whatever is raised there is an error of the test
 
 

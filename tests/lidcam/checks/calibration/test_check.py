@@ -19,7 +19,7 @@ from lidcam.pipeline.core.settings.config import Config
 
 
 def test_the_sample_as_calibrated_gives_no_warning() -> None:
-    assert lidcam.process(SANDBOX, config="sandbox").summary.warnings == ()
+    assert lidcam.process(SANDBOX, config="sandbox", settings=[CLUSTERS]).summary.warnings == ()
     assert lidcam.inspect(SANDBOX).warnings == ()
 
 
@@ -30,7 +30,7 @@ def test_an_inverted_lidar_is_named_and_not_the_cameras(tmp_path: Path) -> None:
     lidar["T_site_lidar"] = np.linalg.inv(lidar["T_site_lidar"]).tolist()
     rig = tmp_path / "rig.yaml"
     rig.write_text(yaml.safe_dump(tree))
-    report = lidcam.process(SANDBOX, config="sandbox", settings=[CLUSTERS], rig=rig, duration_s=2.0).summary
+    report = lidcam.process(SANDBOX, config="sandbox", settings=[CLUSTERS], rig=rig).summary
     by_subject = {warning.subject: str(warning) for warning in report.warnings}
     assert by_subject.keys() == {"ground", "velodyne3"}
     assert by_subject["velodyne3"].startswith(

@@ -23,7 +23,7 @@ PERIOD_NS = 250_000_000
 
 @pytest.fixture(autouse=True)
 def _few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidcam.pipeline.evaluation.detection.resampling.SAMPLES", 40)
+    monkeypatch.setattr("lidcam.pipeline.evaluation.detection.resampling.SAMPLES", 20)
 
 
 def drive(frames: int, noise_m: dict[str, float], seed: int = 0) -> list[EvaluationFrame]:
