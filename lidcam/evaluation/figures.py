@@ -1,6 +1,6 @@
 """Figures by their dotted names."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any
 
@@ -70,11 +70,8 @@ class NamedFigures(Mapping[str, Figure]):
 
 
 def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Figure]]:
-    if isinstance(value, Mapping):
-        for key, element in value.items():
-            yield from _flat(element, f"{name}.{key}" if name else key)
-    elif isinstance(value, Sequence) and not isinstance(value, str):
-        for row, element in enumerate(value):
-            yield from _flat(element, f"{name}.{row}")
-    else:
+    if not isinstance(value, dict | list | tuple):
         yield name, value
+        return
+    for key, element in value.items() if isinstance(value, dict) else enumerate(value):
+        yield from _flat(element, f"{name}.{key}" if name else str(key))

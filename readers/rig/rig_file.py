@@ -63,7 +63,7 @@ class Row(list[float]):
     """Numbers that are written on one line."""
 
 
-class _Dumper(yaml.SafeDumper):
+class _Dumper(yaml.CSafeDumper):
     pass
 
 

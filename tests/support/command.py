@@ -8,12 +8,17 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from unittest.mock import patch
 
 from logging_state import kept_logging
+from typer.main import get_command
 
 from lidcam.__main__ import main, main_process
+
+COMMAND_OF = cache(get_command)
+"""A program calls itself once; tests need not read all options anew for each call."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,7 @@ def called(folder: Path, *arguments: object, program: str = "lidcam") -> Run:
         patch.object(sys, "argv", [program, *map(str, arguments)]),
         patch.dict(os.environ, {"OMP_NUM_THREADS": "1"}),
         patch("lidcam.__main__.end_at_signals"),
+        patch("typer.main.get_command", COMMAND_OF),
     ):
         try:
             main() if program == "lidcam" else main_process()

@@ -67,5 +67,6 @@ def _parsed(setting: str) -> tuple[str, Any]:
 
 def dump_config(config: Config) -> str:
     """All settings as YAML, for `load_config`; `config/default.yaml` is `dump_config(Config())`."""
-    text: str = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=100)
+    tree = config.model_dump(mode="json")
+    text: str = yaml.dump(tree, Dumper=yaml.CSafeDumper, sort_keys=False, default_flow_style=None, width=100)
     return text
