@@ -33,9 +33,8 @@ MIN_EMPTY_SHARE = 0.1
 MIN_REPEATED, MIN_REPEATED_SHARE = 3, 0.1
 """Minimum number and share of a lidar's messages that have the points of the one before, but not of that before it."""
 
-
 MIN_FROZEN = 10
-"""Minimum number of these in a row, while another sensor sees changes, of a lidar that is named."""
+"""Minimum number of repeated messages in a row, while another sensor sees changes, of a lidar that is named."""
 
 OLD = "what they show is old, and objects are in the wrong place; check its driver and its connection"
 

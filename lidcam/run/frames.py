@@ -41,7 +41,7 @@ MAX_MOTION_BYTES = 256 << 20
 REPEATED = "recorded twice"
 """Reason of drops of messages that equal the one before them, byte by byte."""
 
-SAME_PICTURE = "the same picture as the one before, as of a driver that repeats it"
+SAME_IMAGE = "the same image as the one before, as of a driver that repeats it"
 """Reason of drops of images whose stamps alone are new."""
 
 SAME_CLOUD = "the same cloud as the one before, though the rig has moved"
@@ -49,6 +49,9 @@ SAME_CLOUD = "the same cloud as the one before, though the rig has moved"
 
 MIN_MOVED_M = 0.1
 """Minimum way of the rig, as recorded, after which a lidar cannot see the same, metres."""
+
+COMPARED_BYTES = 4096
+"""Number of bytes of an image or a cloud, evenly spread, that are compared first."""
 
 HEADER_BYTES = 32
 """Size of the beginning of an image's or a cloud's message that holds its stamp, and its number in ROS 1."""
@@ -210,7 +213,8 @@ def repeats(message: RawMessage, before: RawMessage | None) -> bool:
     if before is None or len(message.data) <= HEADER_BYTES:
         return False
     one, other = (np.frombuffer(each.data, np.uint8)[HEADER_BYTES:] for each in (message, before))
-    return np.array_equal(one, other)
+    step = len(one) // COMPARED_BYTES + 1  # some bytes tell most that differ, in a twentieth of the time
+    return np.array_equal(one[::step], other[::step]) and np.array_equal(one, other)
 
 
 def _once(
@@ -219,7 +223,7 @@ def _once(
     """Messages without those that equal the one before them, as of two recorders, or of two publishers.
 
     A stamp of 0 says nothing: messages without boxes are alike. Images that go to a detector are left out as well if
-    their stamp alone is new: the noise of a sensor makes every picture another one. `last` is that of `bundles`.
+    their stamp alone is new: the noise of a sensor makes every image another one. `last` is that of `bundles`.
     """
     last = {} if last is None else last
     topics = synchronized_topics(source.config, source.rig)
@@ -231,7 +235,7 @@ def _once(
             if before.stamp_ns == message.stamp_ns:
                 reason = REPEATED if message.stamp_ns and before.data == message.data else ""
             elif topic in images and repeats(message, before):
-                reason = SAME_PICTURE
+                reason = SAME_IMAGE
         if topic in topics:
             last[topic] = message
         if reason:

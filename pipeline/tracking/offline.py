@@ -5,6 +5,7 @@ are joined, and tracks over gaps. A track that is too improbable as a whole is l
 the mean of its log odds counts, not their sum, and those frames most that could show it best.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -103,13 +104,10 @@ class OfflineTracker:
         return estimated(scene, labels, self._priors, history), history
 
     def _associated(self, scene: Scene) -> I64:
-        """(N,) track of each sighting, frame by frame; -1 for none. Over missing frames, tracks are joined later.
-
-        Improbable sightings only continue a track, so those before its first probable one are found backwards in time.
-        """
+        """(N,) track of each sighting, frame by frame; -1 for none. Over missing frames, tracks are joined later."""
         usual_s = float(np.median(np.diff(scene.stamps_s))) if len(self._frames) > 1 else 0.0
         max_gap_s = min(max(MAX_UNSEEN_S, MAX_USUAL_STEPS * usual_s), self._max_gap_s)
-        forwards, backwards = (OnlineTracker(self._priors, min_existence=0.0, max_gap_s=max_gap_s) for _ in range(2))
+        tracker = OnlineTracker(self._priors, min_existence=0.0, max_gap_s=max_gap_s)
         labels = np.full(len(scene.frames), -1, np.int64)
         begins = scene.sightings.are_reported.copy()
         # What belongs to a track begins it in this window, too, which may show nothing surer of it.
@@ -117,21 +115,31 @@ class OfflineTracker:
         frames = [*zip(self._frames, pairwise(scene.starts.tolist()), strict=True)]
         for frame, (first, last) in frames:
             sightings = replace(frame.sightings, are_reported=begins[first:last])
-            forwards.add_frame(replace(frame, sightings=sightings))
-            ids = forwards.ids_of_sightings
+            tracker.add_frame(replace(frame, sightings=sightings))
+            ids = tracker.ids_of_sightings
             labels[first:last] = np.where(ids > 0, ids, -1)
+        self._add_beginnings(frames, labels, max_gap_s)
+        return labels
+
+    def _add_beginnings(
+        self, frames: Sequence[tuple[FrameSightings, tuple[int, int]]], labels: I64, max_gap_s: float
+    ) -> None:
+        """Label the improbable sightings before the first probable one of a track, backwards in time.
+
+        Forwards, they only continue a track. `frames` are those of `labels` (N,), with the bounds of their sightings.
+        """
+        tracker = OnlineTracker(self._priors, min_existence=0.0, max_gap_s=max_gap_s)
         is_first, label_of = np.zeros(len(labels), np.bool_), dict[int, int]()
         is_first[np.unique(labels, return_index=True)[1]] = True
         for frame, (first, last) in reversed(frames):
             now = labels[first:last]
             sightings = replace(frame.sightings, are_reported=now >= 0, later_s=-frame.sightings.later_s)
-            backwards.add_frame(replace(frame, stamp_ns=-frame.stamp_ns, sightings=sightings))
-            ids = backwards.ids_of_sightings
+            tracker.add_frame(replace(frame, stamp_ns=-frame.stamp_ns, sightings=sightings))
+            ids = tracker.ids_of_sightings
             begin = is_first[first:last] & (now >= 0)
             label_of.update(zip(ids[begin].tolist(), now[begin].tolist(), strict=True))
             unnamed = np.flatnonzero(now < 0)
             now[unnamed] = [label_of.get(number, -1) for number in ids[unnamed].tolist()]
-        return labels
 
     def _existence(self, scene: Scene, estimates: Estimates, history: History) -> F64:
         """(T,) weighted mean log odds of existence; how likely the speed of a new track is counts as one frame more."""

@@ -1,4 +1,4 @@
-"""Calibration that the first cloud of each lidar contradicts: stamps, inverted or tilted lidars, pointless cameras.
+"""Calibration that the first cloud of each lidar contradicts: stamps, lidar poses, cameras without points.
 
 A pose stored the wrong way round puts a lidar as far below the site as it is above it, so the height of the ground
 below each lidar is compared with the rig's ground height, else with that of most other lidars. If the mount of a lidar
@@ -88,7 +88,7 @@ class FirstClouds:
             poses[name].apply(cloud.xyz[:: -(-len(cloud) // MAX_PROJECTED_POINTS)].astype(np.float64))
             for name, cloud in self._clouds.items()
         ]
-        return pointless_cameras(self._rig, np.concatenate(parts))
+        return cameras_without_points(self._rig, np.concatenate(parts))
 
 
 def early_cloud(lidar: LidarSensor, cloud: PointCloud, delay_ns: int) -> RunWarning | None:
@@ -104,7 +104,7 @@ def early_cloud(lidar: LidarSensor, cloud: PointCloud, delay_ns: int) -> RunWarn
     return RunWarning(lidar.name, finding, remedy)
 
 
-def pointless_cameras(rig: Rig, xyz_site: F64) -> tuple[RunWarning, ...]:
+def cameras_without_points(rig: Rig, xyz_site: F64) -> tuple[RunWarning, ...]:
     """Warnings of cameras into whose images none of the points (N, 3) falls."""
     if len(xyz_site) < MIN_PROJECTED_POINTS:
         return ()

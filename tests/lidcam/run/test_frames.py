@@ -15,7 +15,7 @@ from lidcam.pipeline.stages.sync.clocks import Clocks
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.readers.rig.discovery import discover_rig
 from lidcam.readers.streams.motion import find_motion_source
-from lidcam.run.frames import SAME_CLOUD, SAME_PICTURE, RunInput, _every, bundles, sensor_clocks, synchronize_stamps
+from lidcam.run.frames import SAME_CLOUD, SAME_IMAGE, RunInput, _every, bundles, sensor_clocks, synchronize_stamps
 from lidcam.run.tally import DropTable
 
 
@@ -85,7 +85,7 @@ def test_a_picture_that_a_driver_repeats_with_new_stamps_goes_to_the_detector_on
     found = [*bundles(replace(source, config=config), drops, stats, clocks)]
     assert len(found) == 30
     assert sum(topic in bundle.messages for bundle in found) == used
-    assert [row.count for row in drops.rows if row.reason == SAME_PICTURE] == [30 - used] * (used < 30)
+    assert [row.count for row in drops.rows if row.reason == SAME_IMAGE] == [30 - used] * (used < 30)
 
 
 @pytest.mark.parametrize(("motion", "used"), [("odometry", 11), ("tf", 11), ("none", 30)])

@@ -9,7 +9,7 @@ from frames import RIG
 from lidar_scene import point_cloud
 from scipy.spatial.transform import Rotation
 
-from lidcam.checks.calibration.first_clouds import early_cloud, inverted_lidars, pointless_cameras, tilted_lidars
+from lidcam.checks.calibration.first_clouds import cameras_without_points, early_cloud, inverted_lidars, tilted_lidars
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import LidarSensor, Rig
@@ -137,7 +137,7 @@ def test_a_lidar_that_hangs_upside_down(names: str) -> None:
 )
 def test_cameras_without_a_point_in_the_image(point: tuple[float, ...], count: int, cameras: int, remark: str) -> None:
     rig = replace(RIG, cameras=(forward_camera("one"), forward_camera("two")))
-    found = pointless_cameras(rig, np.tile(np.array([point], np.float64), (count, 1)))
+    found = cameras_without_points(rig, np.tile(np.array([point], np.float64), (count, 1)))
     assert [warning.subject for warning in found] == ["one", "two"][:cameras]
     assert all(f"none of {count} lidar points falls into its image{remark}" in str(warning) for warning in found)
 
@@ -145,7 +145,7 @@ def test_cameras_without_a_point_in_the_image(point: tuple[float, ...], count: i
 def test_a_camera_in_the_axes_of_its_body_looks_at_the_sky() -> None:
     camera = forward_camera()
     body = replace(camera, T_camera_site=Transform("cam", "site", np.eye(4)))
-    (warning,) = pointless_cameras(replace(RIG, cameras=(camera, body)), np.tile([[10.0, 0, 0]], (600, 1)))
+    (warning,) = cameras_without_points(replace(RIG, cameras=(camera, body)), np.tile([[10.0, 0, 0]], (600, 1)))
     assert str(warning).endswith(
         "falls into its image, and it looks at the sky; if its pose is that of its body (x forward), give that of its "
         "optical frame (z forward, x right)"
