@@ -34,7 +34,7 @@ PLUGIN = "onnxruntime_ep_cuda"
 
 REMEDIES = {
     "cuda": (
-        "pip install onnxruntime-ep-cuda13 (for CUDA 12: onnxruntime-ep-cuda12), or replace onnxruntime with "
+        "pip install 'lidcam[cuda]' (for CUDA 12: onnxruntime-ep-cuda12), or replace onnxruntime with "
         "onnxruntime-gpu"
     ),
     "tensorrt": "pip install onnxruntime-gpu in place of onnxruntime",

@@ -63,7 +63,7 @@ def test_providers_that_are_built_in() -> None:
 
 @pytest.mark.parametrize(
     ("provider", "remedy"),
-    [("cuda", "; pip install onnxruntime-ep-cuda13 (for CUDA 12: "), ("openvino", "; pip install "), ("coreml", "")],
+    [("cuda", "; pip install 'lidcam[cuda]' (for CUDA 12: "), ("openvino", "; pip install "), ("coreml", "")],
 )
 def test_a_provider_that_is_missing_is_one_line(tmp_path: Path, provider: Provider, remedy: str) -> None:
     with pytest.raises(ModelError) as caught:
