@@ -131,7 +131,9 @@ struct Choice {
 };
 
 // The kind whose size is nearest to the measured extents; of the given class, or if that is -1 of those large enough.
-Choice choose(const std::vector<Kind> &kinds, const double *measured, const double *visible, int64_t given_id) {
+// The length along either axis costs what is given.
+Choice choose(const std::vector<Kind> &kinds, const double *measured, const double *visible, int64_t given_id,
+              const double *axis_costs) {
     Choice choice;
     double least = INFINITE;
     for (size_t k = 0; k < kinds.size(); k++) {
@@ -149,6 +151,7 @@ Choice choose(const std::vector<Kind> &kinds, const double *measured, const doub
         }
         double cost = fits ? off + kind.rarity : INFINITE;
         if (given_id >= 0) cost = kind.class_id == given_id ? off : INFINITE;
+        cost += axis_costs[k % 2];
         if (k == 0 || cost < least) {
             least = cost;
             choice = {int64_t(k), cost < INFINITE, off};
@@ -160,7 +163,7 @@ Choice choose(const std::vector<Kind> &kinds, const double *measured, const doub
 nb::tuple completed_boxes(In2<double> low, In2<double> high, In1<double> angle_rad, In1<double> cos_, In1<double> sin_,
                           In1<double> top_m, In2<double> lidar_share, In2<double> lidar_xy, In1<int64_t> class_ids,
                           In2<double> mean_m, In2<double> limit_m, In1<double> rarity, In1<int64_t> given_ids,
-                          double max_slender_share) {
+                          In2<double> axis_costs, double max_slender_share) {
     const size_t clusters = lidar_share.shape(0), lidars = lidar_share.shape(1);
     Out<int64_t> found({clusters});
     Out<double> center_xy({clusters, 2}), sizes({clusters, 3}), yaw_rad({clusters}), misfit({clusters});
@@ -203,7 +206,7 @@ nb::tuple completed_boxes(In2<double> low, In2<double> high, In1<double> angle_r
             }
 
             const double measured[3] = {extent[0], extent[1], top}, visible[3] = {seen[0], seen[1], 1.0};
-            const Choice choice = choose(kinds, measured, visible, given_ids.data()[c]);
+            const Choice choice = choose(kinds, measured, visible, given_ids.data()[c], axis_costs.data() + 2 * c);
             found[c] = choice.fits ? kinds[choice.row].class_id : -1;
             misfit[c] = choice.misfit;
 
@@ -361,7 +364,8 @@ void add(nb::module_ &kernels) {
                 nb::arg("distance_m"), nb::arg("distance_per_m"), nb::arg("above_m"), nb::arg("below_m"));
     kernels.def("completed_boxes", &completed_boxes, array("low"), array("high"), array("angle_rad"), array("cos"),
                 array("sin"), array("top_m"), array("lidar_share"), array("lidar_xy"), array("class_ids"),
-                array("mean_m"), array("limit_m"), array("rarity"), array("given_ids"), nb::arg("max_slender_share"));
+                array("mean_m"), array("limit_m"), array("rarity"), array("given_ids"), array("axis_costs"),
+                nb::arg("max_slender_share"));
     kernels.def("box_shapes", &box_shapes, array("position"), array("starts"), array("placed"), array("heading"),
                 array("sight"), nb::arg("reach_m"));
 }

@@ -168,6 +168,7 @@ def completed_boxes(
     limit_m: F64,
     rarity: F64,
     given_ids: I64,
+    axis_costs: F64,
     max_slender_share: float,
 ) -> tuple[I64, F64, F64, F64, F64, F64, F64, Bools]:
     """The fields of `CompletedBoxes`, see `complete_boxes`; `given_ids` are -1 where the class is to be chosen."""

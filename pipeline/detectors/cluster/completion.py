@@ -9,10 +9,12 @@ car. Of thin wheels and limbs hardly anything is seen, so neither is taken for s
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Bools
+from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.detectors.cluster.lshape import Rectangles
 from lidcam.pipeline.native.kernels import completed_boxes
@@ -20,6 +22,17 @@ from lidcam.pipeline.native.kernels import completed_boxes
 MAX_SLENDER_SHARE = 0.5
 """Maximum width of a slender class, as a share of its height: it has no broad side that hides its far end. Of a cyclist
 the lidar sees the rider, in the middle. Such boxes grow to both ends alike."""
+
+
+class Directions(NamedTuple):
+    """Directions of the lengths of C objects, as they are known before their boxes are fitted."""
+
+    yaws: F64  # (C,) radians
+    variances: F64  # (C,) rad^2
+
+    def of_rows(self, rows: Indices) -> "Directions":
+        """Those of some objects."""
+        return Directions(self.yaws[rows], self.variances[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +75,13 @@ class Kinds:
 
 
 def complete_boxes(
-    rectangles: Rectangles, top_m: F64, lidar_share: F64, lidar_xy: F64, kinds: Kinds, given_ids: I64 | None = None
+    rectangles: Rectangles,
+    top_m: F64,
+    lidar_share: F64,
+    lidar_xy: F64,
+    kinds: Kinds,
+    given_ids: I64 | None = None,
+    directions: Directions | None = None,
 ) -> CompletedBoxes:
     """Choose the class of each cluster, where it is not given, and complete its box.
 
@@ -73,7 +92,13 @@ def complete_boxes(
         lidar_xy: (L, 2) positions of the lidars, metres, in the frame of the clusters.
         kinds: Sizes of the classes.
         given_ids: (C,) class of each cluster, whatever its size; -1 where it is to be chosen. None: all of them.
+        directions: Of the lengths, if something tells them; the sizes count as well.
     """
+    axis_costs = np.zeros((len(top_m), 2))
+    if directions is not None:
+        away_rad = directions.yaws[:, None] - rectangles.angle_rad[:, None] - [0.0, np.pi / 2]
+        away_rad = wrap_angle(2 * away_rad) / 2  # front and rear do not count
+        axis_costs = away_rad**2 / (2 * directions.variances[:, None])
     return CompletedBoxes(
         *completed_boxes(
             rectangles.low,
@@ -89,6 +114,7 @@ def complete_boxes(
             kinds.limit_m,
             kinds.rarity,
             np.full(len(top_m), -1) if given_ids is None else np.ascontiguousarray(given_ids),
+            axis_costs,
             MAX_SLENDER_SHARE,
         )
     )

@@ -12,7 +12,7 @@ from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.detect import ClusterConfig
 from lidcam.pipeline.detectors.cluster.clusters import thin_points
-from lidcam.pipeline.detectors.cluster.completion import CompletedBoxes, Kinds, complete_boxes
+from lidcam.pipeline.detectors.cluster.completion import CompletedBoxes, Directions, Kinds, complete_boxes
 from lidcam.pipeline.detectors.cluster.lshape import (
     Rectangles,
     fit_rectangles,
@@ -78,7 +78,9 @@ class BoxFitter:
         self._settings = settings
         self._kinds = Kinds.of(classes)
 
-    def __call__(self, combined: CombinedCloud, rows: I64, starts: I64, class_ids: I64) -> Candidates3D:
+    def __call__(
+        self, combined: CombinedCloud, rows: I64, starts: I64, class_ids: I64, directions: Directions | None = None
+    ) -> Candidates3D:
         """Boxes of given classes in the site frame, one for each of G groups, in their order.
 
         Args:
@@ -86,12 +88,14 @@ class BoxFitter:
             rows: (P,) rows of `combined.detection_cloud`, sorted by group; a row may be in several groups.
             starts: (G,) first of `rows` of each group; each has at least one.
             class_ids: (G,) class of each group.
+            directions: Of the lengths, if something tells them: which side is the length is decided with the sizes.
         """
         group = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(rows)))
         points, group = self.thin(combined, rows, group=group)
         if not len(starts):
             return Candidates3D.empty()
-        return self.candidates(combined, self.fit(points, np.searchsorted(group, np.arange(len(starts))), class_ids))
+        starts = np.searchsorted(group, np.arange(len(starts)))
+        return self.candidates(combined, self.fit(points, starts, class_ids, directions))
 
     def ground_m(self, combined: CombinedCloud, xy: F64) -> F64:
         """(N,) z of the ground at points (N, 2) of the site frame."""
@@ -148,13 +152,16 @@ class BoxFitter:
         order = np.argsort(group, kind="stable")
         return select_rows(points, order), group[order]
 
-    def fit(self, points: ThinnedPoints, starts: I64, class_ids: I64 | None = None) -> Fitted:
+    def fit(
+        self, points: ThinnedPoints, starts: I64, class_ids: I64 | None = None, directions: Directions | None = None
+    ) -> Fitted:
         """Boxes fitted to G groups, at least one.
 
         Args:
             points: Sorted by group.
             starts: (G,) first point of each group; each has at least one.
             class_ids: (G,) class of each group; if None, the class that fits best.
+            directions: See `__call__`.
         """
         lidar_xy = np.ascontiguousarray(self._lidar_xyz[:, :2])
         counts, lidars = np.add.reduceat(points.weights, starts), len(lidar_xy)
@@ -164,7 +171,7 @@ class BoxFitter:
         time_ns = np.rint(np.add.reduceat(points.time_sum_ns, starts) / counts).astype(np.int64)
         rectangles = fit_rectangles(points.position, starts)
         top_m = quantiles_by_cluster(points.position[:, 2], starts, TOP_SHARE)
-        boxes = complete_boxes(rectangles, top_m, lidar_share, lidar_xy, self._kinds, class_ids)
+        boxes = complete_boxes(rectangles, top_m, lidar_share, lidar_xy, self._kinds, class_ids, directions)
         roundness, riders = np.ones(len(starts)), np.flatnonzero(boxes.rides)
         if len(riders):
             rows, first = rows_of(starts, len(points.position), boxes.rides)
@@ -172,7 +179,8 @@ class BoxFitter:
             axis_rad, roundness[riders] = principal_axes(xy, first)
             along = rectangles_along(xy, first, axis_rad)
             again = top_m[riders], lidar_share[riders], lidar_xy, self._kinds, boxes.class_ids[riders]
-            boxes = replace_rows(boxes, riders, complete_boxes(along, *again))
+            of_riders = None if directions is None else directions.of_rows(riders)
+            boxes = replace_rows(boxes, riders, complete_boxes(along, *again, of_riders))
             rectangles = replace_rows(rectangles, riders, along)
         return Fitted(rectangles, boxes, roundness, counts, lidar_share, time_ns)
 

@@ -12,6 +12,7 @@ from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.core.geometry.regions import points_in_footprints
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.detect import ClusterConfig
+from lidcam.pipeline.detectors.cluster.completion import Directions
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
 
 MARGIN_SHARE = 0.5
@@ -28,7 +29,9 @@ class Refitter:
         self._fitter, self._config = fitter, config
         self._max_size_m = np.array([prior.max_size_m for prior in classes])
 
-    def __call__(self, combined: CombinedCloud, boxes: Boxes3D, rows: Indices) -> tuple[Boxes3D, Indices]:
+    def __call__(
+        self, combined: CombinedCloud, boxes: Boxes3D, rows: Indices, *, shows_axes: bool = False
+    ) -> tuple[Boxes3D, Indices]:
         """Boxes with new centres, sizes and yaws for some of them; and the rows of these.
 
         Of the two directions along its length, a new box keeps that nearer to the old one. A box stays as it is where
@@ -38,6 +41,7 @@ class Refitter:
             combined: The cloud that the boxes were found in.
             boxes: Of their new classes.
             rows: The boxes to fit.
+            shows_axes: Whether the old boxes tell which side is the length; else the size alone decides.
         """
         points, group = self._points_of(combined, boxes.select(rows))
         counts = np.bincount(group, minlength=len(rows))
@@ -47,7 +51,8 @@ class Refitter:
         if not len(rows):
             return boxes, rows
         class_ids = boxes.class_ids[rows].astype(np.int64)
-        found = self._fitter(combined, points, np.cumsum(counts) - counts, class_ids)
+        directions = Directions(boxes.yaws[rows], boxes.covariances[rows, 2, 2]) if shows_axes else None
+        found = self._fitter(combined, points, np.cumsum(counts) - counts, class_ids, directions)
         fits = (found.sizes[:, :2] <= self._max_size_m[class_ids, :2]).all(1)
         rows = rows[fits]
         turned = np.cos(found.yaws[fits] - boxes.yaws[rows]) < 0

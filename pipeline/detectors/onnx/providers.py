@@ -34,8 +34,7 @@ PLUGIN = "onnxruntime_ep_cuda"
 
 REMEDIES = {
     "cuda": (
-        "pip install 'lidcam[cuda]' (for CUDA 12: onnxruntime-ep-cuda12), or replace onnxruntime with "
-        "onnxruntime-gpu"
+        "pip install 'lidcam[cuda]' (for CUDA 12: onnxruntime-ep-cuda12), or replace onnxruntime with onnxruntime-gpu"
     ),
     "tensorrt": "pip install onnxruntime-gpu in place of onnxruntime",
     "openvino": "pip install onnxruntime-openvino in place of onnxruntime",

@@ -37,10 +37,6 @@ the best in drawn worlds."""
 MERGED_CORRELATION = 0.5
 """Assumed correlation of the errors of a network's box and the one fitted to its points."""
 
-MAX_FITTED_TURN_SIGMAS = 1.5
-"""Maximum turn of a fitted box, in the network's standard deviations of the heading. Of 1 to 2.5 (22 to 56 degrees for
-cars, 38 to 95 for cyclists) about the best in drawn worlds."""
-
 SIZE_POINTS = 200.0
 """Number of points from which on the length and width of a car are more the network's than the fitted ones: many points
 show the network the size, and rounded bumpers make a fit too short. Of 41 views of KITTI cars with 800 points and more,
@@ -262,11 +258,8 @@ class FittedPillarDetector:
         found, beside = (likely_boxes(combined, self._site_frame, one, 0.0) for one in (proposed, vehicles))
         found = found.select(~self._is_tall[found.class_ids]).joined(beside.select(self._is_tall[beside.class_ids]))
         found = self._as_vehicles(found.select(np.argsort(-found.scores, kind="stable")), vehicles)
-        fitted, _ = self._refit(combined, found, np.arange(len(found)))
-        turn = np.abs(wrap_angle(2 * (fitted.yaws - found.yaws))) / 2  # the network decides front and rear
-        agree = (pair_ious(found, fitted).bev >= MIN_FITTED_IOU) & (
-            turn <= MAX_FITTED_TURN_SIGMAS * np.sqrt(found.covariances[:, 2, 2])
-        )
+        fitted, _ = self._refit(combined, found, np.arange(len(found)), shows_axes=True)
+        agree = pair_ious(found, fitted).bev >= MIN_FITTED_IOU
         is_slender = self._is_slender[found.class_ids]
         better = agree * np.where(is_slender, 1, 2)
         share = np.where(self._is_tall[found.class_ids], 0.5, found.point_counts / (found.point_counts + SIZE_POINTS))

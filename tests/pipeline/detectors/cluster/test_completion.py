@@ -3,7 +3,7 @@ import pytest
 
 from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.detectors.cluster.completion import CompletedBoxes, Kinds, complete_boxes
+from lidcam.pipeline.detectors.cluster.completion import CompletedBoxes, Directions, Kinds, complete_boxes
 from lidcam.pipeline.detectors.cluster.lshape import Rectangles
 
 PRIORS = Config().classes
@@ -21,12 +21,13 @@ def complete(
     lidars: tuple[tuple[float, float], ...] = ((0.0, 0.0),),
     kinds: Kinds = KINDS,
     given: I64 | None = None,
+    directions: Directions | None = None,
 ) -> CompletedBoxes:
     """Clusters in one place (one for each class that is given), seen in equal parts by all lidars."""
     n = 1 if given is None else len(given)
     rectangles = Rectangles(np.full(n, angle), np.tile(low, (n, 1)), np.tile(high, (n, 1)), np.zeros(n))
     share = np.full((n, len(lidars)), 1 / len(lidars))
-    return complete_boxes(rectangles, np.full(n, top_m), share, np.array(lidars), kinds, given)
+    return complete_boxes(rectangles, np.full(n, top_m), share, np.array(lidars), kinds, given, directions)
 
 
 @pytest.mark.parametrize(
@@ -64,6 +65,24 @@ def test_length_along_the_second_axis_turns_the_yaw() -> None:
     assert box.yaw_rad[0] == pytest.approx(np.pi / 2)
     assert box.sizes[0, :2] == pytest.approx([4.1, WIDTH])
     assert complete((8.0, -2.0), (8.3, 2.1), angle=0.4).yaw_rad[0] == pytest.approx(0.4 - np.pi / 2)
+
+
+@pytest.mark.parametrize(
+    ("size_m", "yaw", "sigma", "expected"),
+    [
+        pytest.param((2.0, 2.2), 0.3, 0.33, 0.0, id="a corner, along"),
+        pytest.param((2.0, 2.2), 0.3 - np.pi, 0.33, 0.0, id="reversed"),
+        pytest.param((2.0, 2.2), 1.3, 0.33, np.pi / 2, id="across"),
+        pytest.param((4.1, 1.7), 1.3, 0.33, 0.0, id="the size contradicts"),
+        pytest.param((1.7, 4.1), 0.3, 3.0, np.pi / 2, id="hardly known"),
+    ],
+)
+def test_a_known_direction_and_the_size_tell_which_side_is_the_length(
+    size_m: tuple[float, float], yaw: float, sigma: float, expected: float
+) -> None:
+    directions = Directions(np.array([yaw]), np.array([sigma**2]))
+    box = complete((8.0, -1.0), (8.0 + size_m[0], size_m[1] - 1.0), given=np.array([CAR]), directions=directions)
+    assert abs(box.yaw_rad[0]) == pytest.approx(expected)
 
 
 def test_rider_is_in_the_middle_of_a_cyclist() -> None:

@@ -99,7 +99,9 @@ def test_pillars_of_points() -> None:
 
 
 @pytest.mark.parametrize(
-    ("turn", "is_fitted"), [(0.15, True), (np.pi - 0.15, True), (1.4, False)], ids=["ahead", "reversed", "across"]
+    ("turn", "is_fitted"),
+    [(0.15, True), (0.7, True), (np.pi - 0.15, True), (1.4, False)],
+    ids=["ahead", "far off", "reversed", "across"],
 )
 def test_boxes_are_fitted_to_their_points(tmp_path: Path, turn: float, is_fitted: bool) -> None:
     """A box that lies across its points stays where the network has it."""
