@@ -128,10 +128,10 @@ def test_the_more_points_the_better_place_and_heading_are_known() -> None:
 def test_a_merged_box_lies_nearer_to_the_more_exact_one() -> None:
     exact = boxes3d([8, -3, 0.8, 4.0, 1.7, 1.5, 0.2], deviations=(0.1, 0.1, 0.1))
     rough = boxes3d([8.5, -3, 0.9, 4.4, 1.9, 1.7, 0.7 - np.pi], deviations=(0.2, 0.1, 0.2))
-    both = merged(rough, exact, np.array([0.75]))
-    np.testing.assert_allclose(both.centers, [[8.1, -3, 0.85]])
-    np.testing.assert_allclose(both.sizes, [[4.3, 1.85, 1.6]])
+    both = merged(rough, exact, np.array([[0.75, 0.5, 0.25]]))
+    np.testing.assert_allclose(both.centers, [[8.1, -3, 0.825]])
+    np.testing.assert_allclose(both.sizes, [[4.3, 1.8, 1.55]])
     np.testing.assert_allclose(both.yaws, [0.3])
     np.testing.assert_allclose(both.covariances, np.diag([0.012, 0.0075, 0.012])[None], atol=1e-12)
     # Of two equal ones, of which half of the error is the same.
-    np.testing.assert_allclose(merged(exact, exact, np.ones(1)).covariances, 0.75 * exact.covariances)
+    np.testing.assert_allclose(merged(exact, exact, np.ones((1, 3))).covariances, 0.75 * exact.covariances)
