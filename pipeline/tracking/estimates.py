@@ -30,11 +30,14 @@ from lidcam.pipeline.tracking.sightings import (
     FRONT_PRIOR_VOTES,
     MIN_FRONT_TRAVEL,
     NO_AXIS_VARIANCE,
+    NO_BELIEF,
     SHARED_ERROR,
+    WEAK_NOISE,
     Scene,
     Sightings,
     forward_log_odds,
     measurement_covariances,
+    shows_part,
     size_weights,
 )
 from lidcam.pipeline.tracking.smoothing import FRAME_CORRELATION, Cells, Courses, smoothed
@@ -47,9 +50,6 @@ from lidcam.pipeline.tracking.standing import (
     lane_directions,
     weighted_quantiles,
 )
-
-WEAK_NOISE = 30.0
-"""Factor of the variances of a box that the frame by itself does not report: it may be another thing's, or turned."""
 
 MIN_LANE_TRAVEL = 3.0
 """Minimum travel, in motion scales, before a track defines a lane; less may be a wrong assignment."""
@@ -174,7 +174,8 @@ def estimated(scene: Scene, track_of: I64, priors: Priors, history: History | No
     of_class = priors.select(class_ids)
     noise = FRAME_CORRELATION * measurement_covariances(hits.sightings, priors)
     noise[~of_class.show_axis[hits.tracks], 2, 2] = FRAME_CORRELATION * NO_AXIS_VARIANCE
-    noise[~hits.sightings.are_reported] *= WEAK_NOISE
+    are_parts = shows_part(hits.sightings.class_ids, class_ids[hits.tracks], priors)
+    noise[are_parts | ~hits.sightings.are_reported] *= WEAK_NOISE
 
     sizes = _sizes(hits, priors, of_class, history)
     boxes = _resized_boxes(hits, sizes)
@@ -229,7 +230,7 @@ def _sizes(hits: _Hits, priors: Priors, of_class: Priors, history: History) -> F
     sightings, are_solid = hits.sightings, of_class.are_solid
     ratios = priors.lengths_m[sightings.class_ids] / of_class.lengths_m[hits.tracks]
     shows_whole = (ratios >= 1.0) & (ratios < MAX_LENGTH_RATIO)
-    weights = size_weights(sightings, np.where(shows_whole, sightings.beliefs, 1e-9), are_solid[hits.tracks])
+    weights = size_weights(sightings, np.where(shows_whole, sightings.beliefs, NO_BELIEF), are_solid[hits.tracks])
     sides, groups = np.where(are_solid, SIZE_QUANTILE, 0.5), (hits.tracks, len(hits))
     shares = sides, sides, np.full(len(hits), 0.5)
     found = [weighted_quantiles(sightings.sizes[:, axis], weights[:, axis], *groups, shares[axis]) for axis in range(3)]

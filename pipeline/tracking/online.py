@@ -37,13 +37,16 @@ from lidcam.pipeline.tracking.sightings import (
     FRONT_PRIOR_VOTES,
     MIN_FRONT_TRAVEL,
     MIN_MEASUREMENTS,
+    NO_BELIEF,
     NOT_SEEN,
     SHARED_ERROR,
+    WEAK_NOISE,
     FrameSightings,
     Sightings,
     TrackRows,
     forward_log_odds,
     measurement_covariances,
+    shows_part,
     size_weights,
 )
 from lidcam.pipeline.tracking.smoothing import FRAME_CORRELATION
@@ -253,9 +256,12 @@ class OnlineTracker:
         live = replace(live, log_odds=log_odds, frames=live.frames + 1)
         seen, beliefs = live.select(tracks), sightings.beliefs
         boxes, slopes = expected(seen.motions, sightings.later_s, seen.rear_m)
+        are_parts = shows_part(sightings.class_ids, seen.class_ids, self._priors)
+        noise = np.where(are_parts[:, None, None], WEAK_NOISE, 1.0) * noise
         after = updated(seen.motions, innovations(sightings.boxes, boxes), slopes, noise, ROBUST_DISTANCE)
         after = with_possible_turns(after, self._priors.noise[seen.class_ids, -1])
-        weights = size_weights(sightings, beliefs, self._priors.are_solid[seen.class_ids])
+        shows_size = np.where(are_parts, NO_BELIEF, beliefs)
+        weights = size_weights(sightings, shows_size, self._priors.are_solid[seen.class_ids])
         votes = seen.votes.copy()
         votes[np.arange(len(seen)), sightings.class_ids] += beliefs
         agreement = np.sign(np.cos(sightings.boxes[:, 2] - after.states[:, HEADING]))

@@ -50,6 +50,13 @@ EXTRA_YAW_SIGMA_RAD = 0.03
 NO_AXIS_VARIANCE = 100.0
 """Yaw variance of boxes that show no axis, rad^2: they carry no heading."""
 
+WEAK_NOISE = 30.0
+"""Factor of the variances of a box that shows its object poorly: one that the frame by itself does not report may be
+another thing's, or turned, and one of a shorter class than its track's is a part, which may be either end."""
+
+NO_BELIEF = 1e-9
+"""Weight of the size of a box that does not show the whole object: only where no other box does, it counts."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sightings(Table):
@@ -162,6 +169,11 @@ def measurement_covariances(sightings: Sightings, priors: Priors) -> F64:
     noise[:, 2, 2] = np.where(of_class.show_axis, noise[:, 2, 2] + EXTRA_YAW_SIGMA_RAD**2, NO_AXIS_VARIANCE)
     noise[:, :2, 2] = noise[:, 2, :2] = 0.0
     return noise
+
+
+def shows_part(class_ids: I64, track_class_ids: I64, priors: Priors) -> Bools:
+    """(N,) whether boxes of these classes are parts of objects of the classes of their tracks, which are longer."""
+    return np.asarray(priors.lengths_m[class_ids] < priors.lengths_m[track_class_ids])
 
 
 def size_weights(sightings: Sightings, beliefs: F64, are_solid: Bools) -> F64:

@@ -150,6 +150,20 @@ def test_a_part_does_not_displace_what_is_seen_whole_in_other_frames() -> None:
     assert max(abs(row.states[0, 0] - 8.0 * PERIOD_S * k) for k, row in enumerate(rows)) < 0.1
 
 
+@pytest.mark.parametrize("make", [OnlineTracker, partial(OfflineTracker, window_s=60.0)])
+def test_a_part_that_is_seen_instead_of_the_whole_neither_moves_nor_shortens_it(make: Any) -> None:
+    lorry = Mover(straight(0, 0, 0, 0), TRUCK, (6.0, 2.3, 2.2), seen=lambda k: k not in (10, 11))
+    front = Mover(straight(1.2, 0, 0, 0), CAR, (3.7, 1.7, 1.7), seen=lambda k: k in (10, 11))
+    frames = scene([lorry, front], 15)
+    for one in frames:
+        one.sightings.covariances[one.sightings.class_ids == TRUCK, 0, 0] = 0.5**2  # its front was not seen
+    tracker = make(PRIORS, min_existence=0.5, max_gap_s=3.0)
+    rows = [one for frame in frames for one in tracker.add_frame(frame)] + tracker.finish()
+    assert ids(rows) == [[1]] * 15
+    assert max(abs(row.states[0, 0]) for row in rows) < 0.6
+    assert {round(row.sizes[0, 0], 3) for row in rows} == {6.0}
+
+
 @pytest.mark.parametrize(("belief", "every"), [(0.6, 2), (0.95, 3)])
 def test_what_is_rarely_seen_is_left_out(belief: float, every: int) -> None:
     rows = tracked(scene([Mover(straight(0, 0, 0, 0), belief=belief, seen=lambda k: k % every == 0)], 41))
