@@ -90,7 +90,7 @@ class OfflineTracker:
                 estimates, history = self._estimated(scene, _relabelled(scene, estimates, merged))
         existence = probability(self._existence(scene, estimates, history))
         kept = existence >= self._min_existence
-        new = kept & (history.ids == 0)
+        new = kept & (history.ids == 0) & (estimates.courses.firsts < until)  # others are solved again
         history.ids[new] = np.arange(self._next_id, self._next_id + new.sum())
         self._next_id += int(new.sum())
         rows = _rows(scene, estimates, history, self._priors, existence, kept)

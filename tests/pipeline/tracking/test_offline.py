@@ -211,6 +211,11 @@ def test_numbers_sizes_and_fronts_go_on_from_window_to_window() -> None:
     assert max(away) < 0.1
 
 
+def test_no_number_is_skipped_for_a_track_that_begins_between_windows() -> None:
+    later = Mover(straight(5, 20, 0, 3.0), seen=lambda k: k >= 60)
+    assert ids(tracked(scene([*CARS, later], 140), window_s=4.0)) == [[1, 2, 3]] * 60 + [[1, 2, 3, 4]] * 80
+
+
 def test_what_is_parked_keeps_its_front_where_no_box_and_no_lane_shows_it() -> None:
     """A car passes before the last window, and boxes of clusters do not tell front from rear."""
     passes = Mover(straight(15, 3.0, np.pi, 10.0), seen=lambda index: index < 30)
