@@ -35,8 +35,8 @@ TOO_MANY = f"not among the {MAX_UNMATCHED} best without a 3D box in a frame"
 OUT_OF_VIEW = "outside of the image, straight below the camera, or reaches beyond its lens model (as 90 degrees)"
 """Reason of an unmatched 2D box whose edges have no rays."""
 
-TOO_VAGUE = "no lidar points there, and distance unknown"
-"""Reason of an unmatched 2D box whose object has no points and an uncertain position."""
+TOO_VAGUE = "no lidar points there that fit, and distance unknown"
+"""Reason of an unmatched 2D box whose object has no points, unlike others there perhaps, and an uncertain position."""
 
 BARE = "bare ground there"
 """Reason of an unmatched 2D box whose object would stand where the lidars see the ground."""
