@@ -1,6 +1,7 @@
 """Notes and warnings about the clocks of sensors and recorder: they jump, are off, or are not read at all."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
 
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.text import listed
@@ -19,6 +20,9 @@ from lidcam.run.warning import RunWarning
 
 MAX_JUMPS_NAMED = 5
 """Maximum number of jumps with their own warning."""
+
+ALIKE_NS = 1_000_000_000
+"""Steps in which the jumps of the sensors of one computer are equal, nanoseconds."""
 
 MAX_SENSORS_NAMED = 10
 """Maximum number of sensors named in one note."""
@@ -40,21 +44,28 @@ def sync_warnings(
     clocks: Clocks, stats: SyncStats, missing: Sequence[MissingSensor], drops: Sequence[DropCount], source: RunInput
 ) -> Iterator[RunWarning]:
     """Findings in the stamps of sensors, in a run as in an inspection: jumps, silence, reasons for absence."""
-    yield from jump_warnings(clocks.jumps, start_ns=source.recording.start_ns)
+    yield from jump_warnings(clocks.jumps, source.rig.sensor_of_topic, start_ns=source.recording.start_ns)
     yield from stalled_warnings(clocks.stalled, source.rig)
     yield from apart_warnings(missing) or silence_warnings(missing)
     counts = {(drop.topic, drop.reason): drop.count for drop in drops}
-    yield from (late_warnings(counts, stats.received, source.rig) or absence_warnings(missing, dropped_by_topic(drops)))
+    known = {jump.topic for jump in clocks.jumps}
+    late = late_warnings({of: count for of, count in counts.items() if of[0] not in known}, stats.received, source.rig)
+    yield from (late or absence_warnings(missing, dropped_by_topic(drops)))
     yield from slower_warnings(counts, stats.received, source.rig)
 
 
-def jump_warnings(jumps: Sequence[TimeJump], *, start_ns: int) -> Iterator[RunWarning]:
-    """One for each of the first jumps of time; `start_ns` is the log time at which the recording starts."""
-    for jump in jumps[:MAX_JUMPS_NAMED]:
-        yield _jump_warning(jump, start_ns)
-    if (more := len(jumps) - MAX_JUMPS_NAMED) > 0:
+def jump_warnings(jumps: Sequence[TimeJump], sensors: Mapping[str, str], *, start_ns: int) -> Iterator[RunWarning]:
+    """One for each of the first jumps of time, those of the sensors of one computer together.
+
+    `sensors` names sensors by topic; `start_ns` is the log time at which the recording starts.
+    """
+    alike = [[*group] for _, group in groupby(jumps, _event)]
+    for group in alike[:MAX_JUMPS_NAMED]:
+        topics = dict.fromkeys(sensors.get(jump.topic, jump.topic) for jump in group)
+        yield _jump_warning(group[0], listed([*topics], MAX_SENSORS_NAMED), start_ns)
+    if (more := len(alike) - MAX_JUMPS_NAMED) > 0:
         remedy = "look at the clocks of the sensors with `lidcam inspect`"
-        yield RunWarning("time", f"jumps back {more} times more", remedy)
+        yield RunWarning("time", f"jumps {more} times more", remedy)
 
 
 def clock_notes(clocks: Clocks, sensors: Mapping[str, str]) -> list[str]:
@@ -103,12 +114,25 @@ def slower_warnings(
             yield RunWarning(lidar.name, finding, f"--set 'sync.required=[{lidar.topic}]' makes a frame of each")
 
 
-def _jump_warning(jump: TimeJump, start_ns: int) -> RunWarning:
-    where = f"by {jump.by_ns / 1e9:.1f} s at {(jump.at_ns - start_ns) / 1e9:.1f} s"
+def _event(jump: TimeJump) -> tuple[str, int]:
+    """What jumps of time that are told together have in common."""
+    return jump.kind, round(jump.by_ns / ALIKE_NS) if jump.topic else jump.at_ns
+
+
+def _jump_warning(jump: TimeJump, sensors: str, start_ns: int) -> RunWarning:
+    at_s, side = (jump.at_ns - start_ns) / 1e9, "back" if jump.by_ns > 0 else "ahead"
+    jumps = f"jump {side} by {abs(jump.by_ns) / 1e9:.1f} s at {at_s:.1f} s"
     if jump.kind == "log times":
-        finding = f"log times jump back {where}: the parts before and after are processed one after the other"
+        finding = f"log times {jumps}: the parts before and after are processed one after the other"
         return RunWarning("time", finding, "if these are two recordings, write them to two files")
-    finding = f"stamps jump back {where}: no frame has messages of both sides"
+    set_before = "wait until clocks are set (NTP, PTP) before you record"
+    if jump.kind == "moved":
+        return RunWarning(sensors, f"stamps {jumps}; they are moved to the others', right to about 0.1 s", set_before)
     seconds = f"{max(jump.at_ns - start_ns, 0) // 10**7 / 100:g}"
-    remedy = f"if it was played in a loop, process one pass of it with --duration {seconds}, or --start {seconds}"
-    return RunWarning("time", finding, remedy)
+    after = f"--start {seconds} leaves out what was before"
+    if jump.kind == "set":
+        finding = f"stamps {jumps} and agree with the others' from there on: a clock was set, or it was recorded late"
+        return RunWarning(sensors, finding, after)
+    finding = f"stamps {jumps}: no frame has messages of both sides"
+    loop = f"if it was played in a loop, process one pass of it with --duration {seconds}, or --start {seconds}"
+    return RunWarning("time", finding, loop if jump.by_ns > 0 else f"{set_before}; {after}")

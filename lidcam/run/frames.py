@@ -115,7 +115,7 @@ def sensor_clocks(rig: Rig, motion: MotionSource | None, drops: DropTable) -> Cl
     sensors += [(topic, camera) for camera in rig.cameras for topic in (camera.topic, camera.boxes_topic)]
     offsets_ns = {detector.topic: 0 for detector in rig.detectors}
     offsets_ns |= {topic: sensor.time_offset_ns for topic, sensor in sensors}
-    offsets_ns |= dict.fromkeys(motion.topics, motion.offset_ns) if motion else {}
+    offsets_ns |= dict.fromkeys(motion.topics, motion.offset_ns) if motion and motion.is_stamped else {}
     return Clocks(offsets_ns, on_drop=drops.count_defect, on_bad=drops.count_bad, on_start=drops.count_drop)
 
 

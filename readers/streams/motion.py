@@ -59,6 +59,9 @@ class MotionSource(NamedTuple):
     # else the name of the frame that moves in its parent
     links: tuple[Transform | str, ...]
     offset_ns: int = 0  # Offset of the stamps of odometry whose clock was not set
+    is_stamped: bool = (
+        True  # Whether its messages have stamps, as those of odometry; those of tf have one per transform
+    )
 
 
 def find_motion_source(
@@ -188,7 +191,8 @@ def _of_tf(recording: Recording, rig: Rig, transforms: RecordedTransforms) -> Mo
         return None
     above = frames[moves[0] + 1 :]
     fixed = next((frame for frame in FIXED_FRAMES if frame in above), above[-1])
-    return MotionSource(tuple(tf_topics(recording)[1]), rig.site_frame, fixed, tuple(links[: frames.index(fixed)]))
+    links, topics = links[: frames.index(fixed)], tuple(tf_topics(recording)[1])
+    return MotionSource(topics, rig.site_frame, fixed, tuple(links), is_stamped=False)
 
 
 class _Track:

@@ -1,11 +1,12 @@
-"""Correction of stamps: offsets are removed, impossible stamps dropped, and a part ends where time jumps back.
+"""Correction of stamps: offsets are removed, impossible stamps dropped, and clocks that are set meanwhile are followed.
 
 A message is judged by the stamp before it on its topic, and by its delay (log time minus stamp). One that goes back by
 more than a second, or is that much further ahead of the recorder than those before it, is held until the next message
 of its topic: if that one agrees with it, the clock was set, else it is an outlier. A message that is only recorded late
-is neither. A first stamp of 0 is the beginning of simulated time if the next one agrees with it, else the message came
-before its clock was set. A message whose stamp or log time no output could hold (before 1970, after January 2038) is
-bad in any case.
+is neither. Where the clocks of all topics are set alike, or log times jump back, a new part begins. The stamps of a
+topic whose clock alone is set are moved on with those of the others. A first stamp of 0 is the beginning of simulated
+time if the next one agrees with it, else the message came before its clock was set. A message whose stamp or log time
+no output could hold (before 1970, after January 2038) is bad in any case.
 """
 
 from collections import deque
@@ -22,6 +23,9 @@ JUMP_NS = 1_000_000_000
 MAX_FIRST_DELAY_NS = 10_000_000_000
 """Maximum recording delay of a topic's first message that is accepted at once, nanoseconds."""
 
+ALIVE_NS = 2_000_000_000
+"""Maximum time since its last message of a topic whose clock may be set with those of others, nanoseconds."""
+
 DELAYS = 5
 """Number of delays kept per topic; the minimum is its usual one."""
 
@@ -32,15 +36,17 @@ NO_TIME = "its stamp cannot be a time"
 NO_LOG_TIME = "its log time cannot be a time"
 ZERO = "its stamp is 0"
 OUTLIER = "its stamp is far from those around it"
-OTHER_SIDE = "from before time jumped back"
 
 
 class TimeJump(NamedTuple):
-    """Time jumps back."""
+    """Time jumps."""
 
-    kind: Literal["stamps", "log times"]  # Whose time: `stamps` of the sensors, or `log times` of the recorder
+    # `stamps` of all topics, `log times` of the recorder, or stamps of one topic alone: `moved` to those of the others,
+    # or `set` right, with which they agree from there on
+    kind: Literal["stamps", "log times", "moved", "set"]
     at_ns: int  # Log time of the first message after it, or, where log times jump, of the last one before it
-    by_ns: int  # How far back
+    by_ns: int  # How far back; negative: ahead
+    topic: str = ""  # The topic whose stamps jump alone
 
 
 @dataclass(slots=True)
@@ -48,7 +54,8 @@ class _Clock:
     """State of one topic."""
 
     offset_ns: int  # Offset that is taken off its stamps
-    part: int = 0  # Part of the recording that it has reached
+    is_stamped: bool  # Whether its messages have stamps of a clock that may be set
+    step_ns: int = 0  # How far its clock alone has been set ahead; taken off its stamps, too
     last_ns: int | None = None  # Corrected stamp of its last good message; None before the first
     log_time_ns: int | None = None  # Log time of its last message; None before the first
     delays_ns: deque[int] = field(default_factory=lambda: deque(maxlen=DELAYS))  # Delays of its last good messages
@@ -62,11 +69,21 @@ class _Clock:
         if self.last_ns is None:
             return True
         is_back = message.stamp_ns < self.last_ns - JUMP_NS
-        return not is_back and message.log_time_ns - message.stamp_ns >= min(self.delays_ns) - JUMP_NS
+        return not is_back and _delay_ns(message) >= min(self.delays_ns) - JUMP_NS
+
+    def may_be_set(self, log_time_ns: int) -> bool:
+        """Whether its clock may be set about a log time: it has one, and messages of it come."""
+        heard_ns = self.log_time_ns
+        return self.is_stamped and bool(self.delays_ns) and heard_ns is not None and log_time_ns - heard_ns <= ALIVE_NS
+
+    @property
+    def all_steps_ns(self) -> int:
+        """How far its clock has been set ahead, if the message that is held tells."""
+        return self.step_ns + (min(self.delays_ns) - _delay_ns(self.held) if self.held else 0)
 
     def take(self, message: RawMessage) -> None:
         """Take note of a good message."""
-        delay_ns = message.log_time_ns - message.stamp_ns
+        delay_ns = _delay_ns(message)
         if self.last_ns is not None and self.delays_ns:
             step_ns = message.stamp_ns - self.last_ns
             self.steps += 1
@@ -79,13 +96,13 @@ class Clocks:
     """The clocks of the sensors over one pass through a recording.
 
     Args:
-        offsets_ns: Offsets that are taken off the stamps, by topic; other topics have none.
+        offsets_ns: Offsets that are taken off the stamps, by topic; other topics have no stamps of a clock.
         on_drop: Called for each message whose stamp does not fit those around it.
         on_start: Called in its place for the first message of a topic, if its stamp is 0 and those after it are not.
         on_bad: Called for each message whose stamp or log time cannot be a time.
 
     Attributes:
-        jumps: Where time jumped back, so far.
+        jumps: Where time jumped, so far.
         unstamped: Topics whose stamps are all 0, so far: log times are used instead.
     """
 
@@ -112,12 +129,13 @@ class Clocks:
         return {topic: (clock.stalled, clock.steps) for topic, clock in self._clocks.items() if clock.stalled}
 
     def parts(self, messages: Iterable[RawMessage]) -> Iterator[Iterator[RawMessage]]:
-        """The messages with corrected stamps, split where time jumps back; each part is to be read before the next.
+        """The messages with corrected stamps, split where time jumps; each part is to be read before the next.
 
         Args:
             messages: In the order in which they were recorded.
         """
-        for _, part in groupby(self._numbered(messages), key=lambda numbered: numbered[0]):
+        numbered = (one for one in self._numbered(messages) if self._is_time(one[1]))
+        for _, part in groupby(numbered, key=lambda numbered: numbered[0]):
             yield (message for _, message in part)
 
     def _numbered(self, messages: Iterable[RawMessage]) -> Iterator[tuple[int, RawMessage]]:
@@ -126,9 +144,8 @@ class Clocks:
             topic = message.channel.topic
             clock = self._clocks.get(topic)
             if clock is None:
-                clock = self._clocks[topic] = _Clock(self._offsets_ns.get(topic, 0), self._part)
-            if bad := _not_a_time(message, clock.offset_ns):
-                self._on_bad(bad)
+                clock = self._clocks[topic] = _Clock(self._offsets_ns.get(topic, 0), topic in self._offsets_ns)
+            if not self._is_time(message):
                 continue
             if clock.log_time_ns is not None and message.log_time_ns < clock.log_time_ns - JUMP_NS:
                 yield from self._released()
@@ -137,17 +154,26 @@ class Clocks:
             if _lacks_stamp(message, clock.offset_ns):
                 found = self._unstamped(clock, message)
             else:
-                found = self._stamped(clock, message._replace(stamp_ns=message.stamp_ns - clock.offset_ns))
+                found = self._stamped(clock, _moved(message, clock.offset_ns + clock.step_ns))
             for good in found:
                 yield self._part, good
         yield from self._released()
 
+    def _is_time(self, message: RawMessage) -> bool:
+        """Whether the stamp and the log time of a message can be times; if not, it is bad."""
+        times = ("log time", NO_LOG_TIME, message.log_time_ns), ("stamp", NO_TIME, message.stamp_ns)
+        for what, reason, time_ns in times:
+            if fault := time_fault(time_ns):
+                self._on_bad(Drop(message.topic, message.stamp_ns, reason, f"{message.topic}: {what} {fault}"))
+                return False
+        return True
+
     def _begin_part(self, jump: TimeJump) -> None:
-        """Start a part for all topics: the recorder's own time has jumped."""
+        """Start a part for all topics."""
         self._part += 1
         self.jumps.append(jump)
         for clock in self._clocks.values():
-            clock.part, clock.log_time_ns, clock.last_ns = self._part, None, None
+            clock.log_time_ns, clock.last_ns = None, None
 
     def _unstamped(self, clock: _Clock, message: RawMessage) -> list[RawMessage]:
         """A message whose stamp is 0: its driver never sets stamps, or it is a fault."""
@@ -180,16 +206,38 @@ class Clocks:
             return self._sound(clock, clock.last_ns, held, message)
         if held is None or not _agree(held, message):
             if held is not None:
-                self._drop(held, OTHER_SIDE if clock.is_sound(held) else OUTLIER)
+                self._drop(held, OUTLIER)
             clock.held = message
             return []
-        if held.stamp_ns < clock.last_ns - JUMP_NS and clock.part == self._part:
-            self._part += 1
-            by_ns = held.log_time_ns - held.stamp_ns - min(clock.delays_ns)
-            self.jumps.append(TimeJump("stamps", held.log_time_ns, by_ns))
-        clock.part = self._part
+        return self._good(clock, *self._step(clock, held, message))
+
+    def _step(self, clock: _Clock, *after: RawMessage) -> list[RawMessage]:
+        """Messages that agree with one another, not with those before them: the clock of their topic was set."""
+        before_ns, after_ns = min(clock.delays_ns), min(map(_delay_ns, after))
         clock.delays_ns.clear()
-        return self._good(clock, held, message)
+        if abs(before_ns - max(map(_delay_ns, after))) <= JUMP_NS:
+            return [*after]
+        topic, at_ns, step_ns = after[0].topic, after[0].log_time_ns, before_ns - after_ns
+        all_ns = clock.step_ns + step_ns
+        others = [one for one in self._clocks.values() if one is not clock and one.may_be_set(at_ns)]
+        if all(abs(one.all_steps_ns - all_ns) <= JUMP_NS for one in others):
+            while self.jumps and self.jumps[-1].kind == "moved":  # those of others were not alone, as it turns out
+                self.jumps.pop()
+            self._begin_part(TimeJump("stamps", at_ns, -all_ns))
+            after = tuple(_moved(one, -clock.step_ns) for one in after)
+            for one in self._clocks.values():
+                one.held = _moved(one.held, -one.step_ns) if one.held else None
+                one.step_ns = 0
+                one.delays_ns.clear()
+            return [*after]
+        apart_ns = [[abs(one.delays_ns[-1] - delay_ns) for one in others] for delay_ns in (before_ns, after_ns)]
+        before, now = (sum(ns <= JUMP_NS for ns in each) for each in apart_ns)
+        if before < now:
+            self.jumps.append(TimeJump("set", at_ns, -step_ns, topic))
+            return [*after]
+        self.jumps.append(TimeJump("moved", at_ns, -step_ns, topic))
+        clock.step_ns = all_ns
+        return [_moved(one, step_ns) for one in after]
 
     def _first(self, clock: _Clock, held: RawMessage | None, message: RawMessage) -> list[RawMessage]:
         """A message of a topic without a good one before it in this part."""
@@ -197,10 +245,21 @@ class Clocks:
             return self._good(clock, held, message)
         if held is not None:
             self._drop(held, OUTLIER)
-        delay_ns = message.log_time_ns - message.stamp_ns
+        delay_ns = _delay_ns(message)
         known_ns = [clock.delays_ns[-1] for clock in self._clocks.values() if clock.delays_ns]
-        if -JUMP_NS <= delay_ns <= MAX_FIRST_DELAY_NS or any(abs(delay_ns - other) <= JUMP_NS for other in known_ns):
-            return self._good(clock, message)
+
+        def is_likely(delay_ns: int) -> bool:
+            is_near = any(abs(delay_ns - other_ns) <= JUMP_NS for other_ns in known_ns)
+            return is_near or -JUMP_NS <= delay_ns <= MAX_FIRST_DELAY_NS
+
+        if not is_likely(delay_ns) and is_likely(delay_ns - clock.offset_ns):  # its clock has been set since
+            message, clock.offset_ns = _moved(message, -clock.offset_ns), 0
+        elif not is_likely(delay_ns):
+            return self._unlikely(clock, message)
+        return self._good(clock, message)
+
+    def _unlikely(self, clock: _Clock, message: RawMessage) -> list[RawMessage]:
+        """A first message with another delay than all others: good if it is that of another first one."""
         confirmed: list[RawMessage] = []
         for other in self._clocks.values():
             if other.held is not None and other.last_ns is None and other.held.stamp_ns and _agree(other.held, message):
@@ -213,14 +272,6 @@ class Clocks:
 
     def _sound(self, clock: _Clock, last_ns: int, held: RawMessage | None, message: RawMessage) -> list[RawMessage]:
         """A message that continues those before it; it decides on the one that was held."""
-        if clock.part < self._part:  # others have jumped back; does this topic stay?
-            if held is None or not clock.is_sound(held):
-                if held is not None:
-                    self._drop(held, OUTLIER)
-                clock.held = message
-                return []
-            clock.part = self._part
-            return self._good(clock, held, message)
         if held is None:
             return self._good(clock, message)
         if last_ns <= held.stamp_ns <= message.stamp_ns:
@@ -258,16 +309,6 @@ def _far_off(message: RawMessage, reason: str) -> Drop:
     return Drop(message.topic, message.stamp_ns, reason, f"{abs(apart_s):.1f} s {side} its log time")
 
 
-def _not_a_time(message: RawMessage, offset_ns: int) -> Drop | None:
-    """The drop of a message with a stamp or log time that cannot be a time; None for all others."""
-    if fault := time_fault(message.log_time_ns):
-        return Drop(message.topic, message.stamp_ns, NO_LOG_TIME, f"{message.topic}: log time {fault}")
-    stamp_ns = message.log_time_ns if _lacks_stamp(message, offset_ns) else message.stamp_ns
-    if fault := time_fault(stamp_ns - offset_ns):
-        return Drop(message.topic, message.stamp_ns, NO_TIME, f"{message.topic}: stamp {fault}")
-    return None
-
-
 def _lacks_stamp(message: RawMessage, offset_ns: int) -> bool:
     """Whether a stamp of 0 means none: simulated time begins at 0, and so does a clock that was not set."""
     return message.stamp_ns == 0 and message.log_time_ns > JUMP_NS and abs(offset_ns) <= MAX_FIRST_DELAY_NS
@@ -277,7 +318,14 @@ def _at_log_time(message: RawMessage, offset_ns: int) -> RawMessage:
     return message._replace(stamp_ns=message.log_time_ns - offset_ns)
 
 
+def _moved(message: RawMessage, back_ns: int) -> RawMessage:
+    return message._replace(stamp_ns=message.stamp_ns - back_ns)
+
+
+def _delay_ns(message: RawMessage) -> int:
+    return message.log_time_ns - message.stamp_ns
+
+
 def _agree(first: RawMessage, second: RawMessage) -> bool:
     """Whether two messages' clocks are the same: equal delays, up to a jump."""
-    delay_ns = first.log_time_ns - first.stamp_ns
-    return abs(second.log_time_ns - second.stamp_ns - delay_ns) <= JUMP_NS
+    return abs(_delay_ns(second) - _delay_ns(first)) <= JUMP_NS

@@ -1,6 +1,7 @@
 """Clocks that jump, clocks that most others contradict, and messages that come too late."""
 
 from dataclasses import replace
+from typing import Literal
 
 import pytest
 from frames import RIG
@@ -13,17 +14,35 @@ S = 10**9
 
 
 @pytest.mark.parametrize(
-    ("kind", "said"),
+    ("kind", "by_s", "topics", "said", "remedy"),
     [
-        ("stamps", "time: stamps jump back by 12.3 s at 45.2 s: no frame has messages of both sides; if it was played"),
-        ("log times", "time: log times jump back by 12.3 s at 45.2 s: the parts before and after are processed one"),
+        (
+            "stamps",
+            12.3,
+            "",
+            "time: stamps jump back by 12.3 s at 45.2 s: no frame has",
+            "--duration 45.2, or --start 45.2",
+        ),
+        ("stamps", -12.3, "", "time: stamps jump ahead by 12.3 s at 45.2 s: no frame has", "; --start 45.2 leaves out"),
+        ("log times", 12.3, "", "time: log times jump back by 12.3 s at 45.2 s: the parts", "two files"),
+        ("moved", -3.0, "ab", "left, b: stamps jump ahead by 3.0 s at 45.2 s; they are moved", "NTP"),
+        ("set", 3.0, "a", "left: stamps jump back by 3.0 s at 45.2 s and agree with", "--start 45.2"),
     ],
 )
-def test_a_jump_is_told_with_its_size_and_place(kind: str, said: str) -> None:
-    jump = TimeJump("stamps" if kind == "stamps" else "log times", 1_045_200_000_000, 12_300_000_000)
-    (warning,) = jump_warnings([jump], start_ns=1000 * S)
+def test_a_jump_is_told_with_its_size_and_place(
+    kind: Literal["stamps", "log times", "moved", "set"], by_s: float, topics: str, said: str, remedy: str
+) -> None:
+    jumps = [
+        TimeJump(kind, 1_045_200_000_000 + at, round(by_s * S) + at, topic) for at, topic in enumerate(topics or [""])
+    ]
+    (warning,) = jump_warnings(jumps, {"a": "left"}, start_ns=1000 * S)
     assert str(warning).startswith(said)
-    assert ("--duration 45.2, or --start 45.2" in str(warning)) == (kind == "stamps")
+    assert remedy in warning.remedy
+
+
+def test_only_the_first_jumps_are_told_one_by_one() -> None:
+    jumps = [TimeJump("stamps", k * 10 * S, 3 * S) for k in range(9)]
+    assert str([*jump_warnings(jumps, {}, start_ns=0)][-1]).startswith("time: jumps 4 times more; ")
 
 
 def test_sensors_without_stamps_are_named() -> None:

@@ -2,13 +2,14 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from itertools import product
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lidcam.pipeline.core.messages import Channel, Drop, RawMessage
-from lidcam.pipeline.stages.sync.clocks import NO_LOG_TIME, NO_TIME, OTHER_SIDE, OUTLIER, ZERO, Clocks, TimeJump
+from lidcam.pipeline.stages.sync.clocks import NO_LOG_TIME, NO_TIME, OUTLIER, ZERO, Clocks, TimeJump
 
 S = 10**9
 MS = 10**6
@@ -29,7 +30,7 @@ def run(
 ) -> tuple[list[list[tuple[str, float]]], list[tuple[str, float, str]], Clocks]:
     """Topic and stamp of the messages of each part, those dropped, and the clocks."""
     drops: list[Drop] = []
-    clocks = Clocks(offsets_ns or {}, on_drop=drops.append, on_bad=drops.append)
+    clocks = Clocks(dict.fromkeys("abc", 0) | dict(offsets_ns or {}), on_drop=drops.append, on_bad=drops.append)
     messages = [message(*one, position) for position, one in enumerate(recorded)]
     parts = [[(m.topic, since_t0(m.stamp_ns)) for m in part] for part in clocks.parts(messages)]
     return parts, [(drop.topic, since_t0(drop.stamp_ns), drop.reason) for drop in drops], clocks
@@ -154,8 +155,6 @@ LATE: list[Recorded] = [
     "recorded",
     [
         pytest.param(LATE, id="messages that are only recorded late"),
-        pytest.param([*steady(), *steady(start=10, stop=20, shift_s=2.0)], id="a clock that is set ahead"),
-        pytest.param([*steady(), *steady(start=10, stop=20, shift_s=3600.0)], id="a clock that is set far ahead"),
         pytest.param(
             [("a", 2.0 * k, 2.0 * k + delay_s) for k, delay_s in enumerate((3.0, 3.0, 3.0, 1.5, 2.5, 2.5))],
             id="a slow topic whose delay changes",
@@ -197,17 +196,44 @@ def test_a_recording_that_was_played_in_a_loop_is_split_at_each_turn() -> None:
     ]
 
 
-def test_messages_from_before_a_jump_are_dropped_after_it() -> None:
-    recorded = [*steady("a"), *steady("a", 10, 20, shift_s=-8)]
-    late: list[Recorded] = [("b", k / 10, k / 10 + 0.35) for k in range(10)]  # the last three are recorded after it
-    late += [("b", k / 10 - 8, k / 10 + 0.35) for k in range(10, 17)]
-    recorded = sorted([*recorded, *late], key=lambda one: one[2])
-    (before, after), drops, clocks = run(recorded)
-    assert len(clocks.jumps) == 1
-    assert of(before, "a") == stamps(steady("a"), "a")
-    assert all(stamp < 0.95 - 8 + 1.5 for stamp in of(after, "a"))
-    mixed = [stamp for stamp in of(after, "b") if stamp > 0]
-    assert len(mixed) + len([drop for drop in drops if drop[2] == OTHER_SIDE]) + len(of(before, "b")) == 10
+@pytest.mark.parametrize("by_s", [-8.0, -2.0, 1.5, 3.0, 3600.0, 4e8])
+@pytest.mark.parametrize(("topics", "late_s"), [("abc", 0.05), ("abc", 0.35), ("a", 0.05), ("ab", 0.05), ("c", 0.35)])
+def test_a_clock_that_is_set_costs_only_what_is_near(topics: str, late_s: float, by_s: float) -> None:
+    """If all stamps jump, a part begins; those of some topics go on with the others'. `c` may be recorded late."""
+    recorded: list[Recorded] = []
+    for k, topic in product(range(30), "abc"):
+        log_s = k / 10 + (late_s if topic == "c" else 0.05)
+        recorded.append((topic, k / 10 + by_s * (topic in topics and k >= 10), log_s))
+    parts, drops, clocks = run(sorted(recorded, key=lambda one: one[2]))
+    assert not drops
+    steady_s = [k / 10 for k in range(30)]
+    if topics == "abc":
+        ((*before,), (*after,)) = parts
+        for topic in "abc":
+            begin = len(of(before, topic))
+            assert of(before, topic) == steady_s[:begin]
+            assert of(after, topic) == [round(k / 10 + by_s, 3) for k in range(begin, 30)]
+            assert 10 <= begin <= 11 + round(10 * late_s)
+        assert [(jump.kind, jump.topic) for jump in clocks.jumps] == [("stamps", "")]
+    else:
+        ((*part,),) = parts
+        assert [of(part, topic) for topic in "abc"] == [steady_s] * 3
+        assert [(jump.kind, jump.topic) for jump in clocks.jumps] == [("moved", topic) for topic in topics]
+    assert all(round(-jump.by_ns / S, 3) == by_s for jump in clocks.jumps)
+
+
+@pytest.mark.parametrize("offset_s", [0, -4e8])
+def test_a_clock_that_is_set_right_is_believed(offset_s: float) -> None:
+    """It was recorded seconds late, or has an offset from before it was set, which a later part lacks."""
+    wrong_s = offset_s or -3.0
+    sent = [("b", k / 10 + (wrong_s if k < 10 else 0), k / 10 + 0.05) for k in range(20)]
+    recorded = sorted([*steady("a", stop=20), *sent], key=lambda one: one[2])
+    for begin in (0, 10):
+        ((*part,),), drops, clocks = run(recorded[2 * begin :], {"b": round(offset_s * S)})
+        assert of(part, "a") == [k / 10 for k in range(begin, 20)]
+        assert of(part, "b") == [round(k / 10 + (wrong_s - offset_s if k < 10 else 0), 3) for k in range(begin, 20)]
+        assert not drops
+        assert [jump.kind for jump in clocks.jumps] == [] if begin else ["moved" if offset_s else "set"]
 
 
 def test_log_times_that_jump_back_split_the_recording_at_once() -> None:
