@@ -6,16 +6,19 @@ a frame whose transform never changes counts as fixed, unless its parent is a fr
 `map`, `earth`; REP 105): a parked vehicle may drive off later.
 """
 
+import re
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import islice
 from math import isfinite
 from struct import Struct
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import CalibrationError, FrameError, MessageError
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.geometry.transform_tree import TransformTree
@@ -57,6 +60,12 @@ MAX_STILL_CHANGE = 1e-6
 MAX_ROUNDED = 1e-3
 """Largest change of a matrix entry between two transforms of tf_static that are meant to be the same."""
 
+MAX_SWAY = 0.15
+"""Largest change of a matrix entry (metres, or roughly radians) of a frame on springs or on a mast."""
+
+GROUND_WORDS = frozenset({*ODOMETRY_FRAMES, "world"})
+"""Words in the names of frames that vehicles move in: what moves a little there may drive off."""
+
 MAX_TF_BYTES = 64 << 20
 """Size of /tf_static, and of the part of /tf, that are read: hours of a vehicle's fixed frames at ten hertz."""
 
@@ -70,6 +79,14 @@ QUATERNION_TOLERANCE = 0.01
 """Largest deviation of a quaternion's squared length from 1 that tf2 accepts (tf2::BufferCore::setTransform)."""
 
 
+class Sway(NamedTuple):
+    """The movement of a frame that stays near its mean pose."""
+
+    mean: Transform  # T_parent_child
+    turn_deg: float  # Largest distance from it, of angles
+    shift_m: float  # And of places
+
+
 @dataclass(frozen=True, slots=True)
 class RecordedTransforms:
     """The recorded transforms between frames."""
@@ -80,6 +97,7 @@ class RecordedTransforms:
     faults: Mapping[str, str] = field(default_factory=dict)
     # Frames of tf_static that it, or tf, has in several places, or with several parents
     changed: frozenset[str] = frozenset()
+    swaying: Mapping[str, Sway] = field(default_factory=dict)  # By child, the moving frames that stay near one pose
     # The first message of each topic that could not be decoded, and how many there were
     drops: tuple[tuple[Drop, int], ...] = ()
 
@@ -97,6 +115,13 @@ class RecordedTransforms:
             frames = sorted(ends & set(self.moving)) or sorted(self.moving)[:MAX_MOVING_NAMED]
             reasons += [f"{frame} moves in {self.moving[frame]}" for frame in frames]
             raise FrameError("; ".join([str(err), *reasons])) from err
+
+    def join_by_means(self, frames: Iterable[str]) -> None:
+        """Use the mean poses of frames that sway, if fixed transforms alone do not join all of these frames."""
+        named = [frame for frame in frames if frame]
+        if not all(self.are_joined(named[0], one) for one in named):
+            for sway in self.swaying.values():
+                self.fixed.add_static(sway.mean)
 
     def are_joined(self, frame: str, other: str) -> bool:
         """Whether fixed transforms join two frames."""
@@ -179,7 +204,8 @@ def read_transforms(
     sent: dict[str, Transform] = {}
     seen: dict[str, Transform] = {}
     moving: dict[str, str] = {}
-    names, changed = set[str](), set[str]()
+    poses = defaultdict[str, list[F64]](list)
+    moving_far, names, changed = set[str](), set[str](), set[str]()
     for message, transform, child in _transforms(recording.messages(static) if static else (), drops, names, limits):
         if not isinstance(transform, Transform):
             faults[child] = f"{transform} ({message.topic})"
@@ -191,7 +217,7 @@ def read_transforms(
 
     def may_tell(parent: str, child: str) -> bool:
         """Whether a transform may say more than that its frame moves."""
-        return moving.get(child) != parent
+        return moving.get(child) != parent or child not in moving_far
 
     beginnings = _beginnings(recording, dynamic, start_ns, stop_ns)
     for message, transform, child in _transforms(beginnings, drops, names, limits, is_wanted=may_tell):
@@ -200,17 +226,33 @@ def read_transforms(
         elif (known := fixed.edge(child)) is not None:
             if _differ(known, transform, MAX_ROUNDED):
                 changed.add(child)
-        elif _differ(seen.setdefault(child, transform), transform) or transform.dst in ODOMETRY_FRAMES:
-            moving[child] = transform.dst
+        else:
+            first = seen.setdefault(child, transform)
+            poses[child].append(transform.matrix)
+            if _differ(first, transform) or transform.dst in ODOMETRY_FRAMES:
+                moving[child] = transform.dst
+            if _differ(first, transform, MAX_SWAY) or not GROUND_WORDS.isdisjoint(re.split("[/_]", transform.dst)):
+                moving_far.add(child)
     end = _end(recording, dynamic, start_ns, stop_ns)
     for _, transform, child in _transforms(end, drops, names, limits, is_wanted=may_tell):
         if child in seen and isinstance(transform, Transform) and _differ(seen[child], transform):
             moving[child] = transform.dst
+            moving_far |= {child} if _differ(seen[child], transform, MAX_SWAY) else set()
     for child, transform in seen.items():
         if child not in moving:
             fixed.add_static(transform)
     left = {child: reason for child, reason in faults.items() if fixed.edge(child) is None}
-    return RecordedTransforms(fixed, moving, left, frozenset(changed), tuple(drops.values()))
+    swaying = {child: _sway(seen[child], np.array(poses[child])) for child in moving.keys() - moving_far}
+    return RecordedTransforms(fixed, moving, left, frozenset(changed), swaying, tuple(drops.values()))
+
+
+def _sway(first: Transform, poses: F64) -> Sway:
+    """The sway of a frame by its poses (N, 4, 4)."""
+    mean = poses.mean(axis=0)
+    u, _, vt = np.linalg.svd(mean[:3, :3])
+    mean[:3, :3] = u @ vt
+    away = np.abs(poses - mean).max(axis=0)
+    return Sway(replace(first, matrix=mean), float(np.degrees(away[:3, :3].max())), float(away[:3, 3].max()))
 
 
 def _differ(one: Transform, other: Transform, limit: float = MAX_STILL_CHANGE) -> bool:

@@ -144,6 +144,13 @@ def _notes_of_tf(found: FoundSensors, frames: Frames) -> list[str]:
         while last not in used and (edge := found.transforms.fixed.edge(last)) is not None:
             used.add(last)
             last = edge.dst
+    if sways := {child: sway for child, sway in found.transforms.swaying.items() if child in used}:
+        turn_deg = max(sway.turn_deg for sway in sways.values())
+        shift_m = max(sway.shift_m for sway in sways.values())
+        notes.append(
+            f"on tf, {listed(sorted(sways))} move by up to {turn_deg:.1f} degrees and {100 * shift_m:.0f} cm: the mean "
+            "poses are used"
+        )
     if given and not given & used:
         notes.append(
             f"no sensor needs the transforms of the rig file, to {listed(sorted(given))}: the sensors "

@@ -112,6 +112,7 @@ def find_sensors(
     }
     frames = _lidar_frames(lidars, named, transforms)
     camera_frames = {first.frame(camera.topics.info, CAMERA_INFO) for camera in cameras if camera.topics.info}
+    transforms.join_by_means([*frames.values(), *camera_frames])
     wanted = clean_frame(config.rig.site_frame or rig_file.site_frame)
     if wanted:
         site = wanted
@@ -159,6 +160,7 @@ def _with_rig(recorded: RecordedTransforms, rig_file: RigFile) -> tuple[Recorded
     transforms = replace(
         recorded,
         moving={child: parent for child, parent in moving.items() if child not in children},
+        swaying={child: sway for child, sway in recorded.swaying.items() if child not in children},
         faults={child: fault for child, fault in recorded.faults.items() if child not in children},
     )
     return transforms, children

@@ -100,6 +100,25 @@ def test_a_lidar_that_cannot_be_used_is_a_fault(messages: list[RawMessage], word
     assert words in reasons(found).get("a", "")
 
 
+@pytest.mark.parametrize(
+    ("parent", "size_m", "is_used"), [("site", 0.05, True), ("site", 0.3, False), ("world", 0.05, False)]
+)
+def test_a_lidar_on_a_mast_that_sways_has_its_mean_pose(parent: str, size_m: float, is_used: bool) -> None:
+    """What moves more, or in a frame that vehicles move in, may be going anywhere."""
+    sent = []
+    for i, (shift, y) in enumerate(((-1, 0.0), (0, 0.02), (1, -0.02))):
+        place, turn = (1 + size_m * shift, 0, 0), (0, y, 0, float(np.sqrt(1 - y * y)))
+        edge = transform_stamped(parent, "mast", stamp_ns=i, translation=place, rotation_xyzw=turn)
+        sent.append(raw("/tf", "tf2_msgs/msg/TFMessage", tf_message([edge]), i))
+    found = discover([static((parent, "b", (1, 0, 0)), ("mast", "a", (0, 1, 0))), *sent, A, B])
+    assert [lidar.name for lidar in found.rig.lidars] == (["a", "b"] if is_used else ["a"])
+    if is_used:
+        pose = found.rig.lidars[0].T_site_lidar
+        assert pose.dst == "site"
+        np.testing.assert_allclose(pose.matrix[:3], [[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 0]], atol=1e-6)
+        assert "on tf, mast move by up to 2.3 degrees and 5 cm: the mean poses are used" in found.notes
+
+
 def test_faults_that_differ_in_names_alone_are_told_once() -> None:
     told = "no transform joins frame 'a' with 'x'", "no transform joins frame 'a' with 'y'", "no K", "'' is no K"
     faults = [SensorFault(f"cam{i}", "/cam" * (i == 1), reason) for i, reason in enumerate([*told, told[1]])]
