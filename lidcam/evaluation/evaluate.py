@@ -60,6 +60,13 @@ def _times(tree: Mapping[str, Any]) -> Iterator[RunWarning]:
             if not covered
             else "only frames with truth count",
         )
+    if offset_s := tree.get("truth_offset_s"):
+        side = "later" if offset_s > 0 else "earlier"
+        yield RunWarning(
+            "truth",
+            f"most objects that move are found where it has them about {abs(offset_s):.2f} s {side}",
+            f"if its clock is another one: --set evaluate.truth_offset_ms={1000 * offset_s:.0f}",
+        )
 
 
 def _objects(counts: Mapping[str, Any]) -> Iterator[RunWarning]:

@@ -22,6 +22,7 @@ from lidcam.pipeline.evaluation.evaluation_frame import (
 from lidcam.pipeline.evaluation.ignoring import is_evaluated, is_within
 from lidcam.pipeline.evaluation.mistakes import Mistakes
 from lidcam.pipeline.evaluation.tracking.tracking_evaluation import TrackingEvaluation
+from lidcam.pipeline.evaluation.truth_clock import TruthClock
 from lidcam.pipeline.evaluation.unlabelled import UnlabelledEvaluation
 
 _REASONS = ("without_class", "marked_as_ignored", "outside", "unseen")
@@ -36,6 +37,7 @@ def evaluators_of(config: Config, rig: Rig) -> tuple[Evaluator, ...]:
         TrackingEvaluation(config),
         UnlabelledEvaluation(config),
         Mistakes(config),
+        TruthClock(config),
     )
 
 

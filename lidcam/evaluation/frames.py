@@ -30,6 +30,7 @@ class EvaluationFrames:
     def __init__(self, result: Result, truth: OpenTruth) -> None:
         self._result, self._truth, self._reason = result, truth.source, truth.reason
         self._poses = SitePoses(truth.poses, result.rig, result.config)
+        self._offset_ns = round(result.config.evaluate.truth_offset_ms * 1e6)
         self._cameras = {camera.name: camera for camera in result.rig.cameras}
         self._notes = Notes()
 
@@ -73,24 +74,24 @@ class EvaluationFrames:
     def _truth_at(self, frame: ResultFrame) -> TruthBoxes3D | None:
         if self._truth is None:
             return None
-        boxes = self._truth.at(frame.stamp_ns, frame=frame.index)
+        boxes = self._truth.at(frame.stamp_ns + self._offset_ns, frame=frame.index)
         if boxes is None:
             self._notes.add_note(NOT_COVERED)
             return None
-        in_site = self._in_site(boxes)
+        in_site = self._in_site(boxes, frame.stamp_ns)
         if in_site is None:
             self._notes.add_note(NO_POSE)
         return in_site
 
-    def _in_site(self, boxes: TruthBoxes3D) -> TruthBoxes3D | None:
-        """Objects in the site frame; None if the motion of the site is not known at their time.
+    def _in_site(self, boxes: TruthBoxes3D, stamp_ns: int) -> TruthBoxes3D | None:
+        """Objects in the site frame as it was at `stamp_ns`; None if the motion of the site is not known then.
 
         What the zones do not let be reported is ignored.
         """
-        T_site_truth = self._poses.T_site_frame(boxes.frame_id, boxes.stamp_ns)
+        T_site_truth = self._poses.T_site_frame(boxes.frame_id, stamp_ns)
         if T_site_truth is None:
             return None
-        in_site = boxes_in_site(boxes, T_site_truth)
+        in_site = replace(boxes_in_site(boxes, T_site_truth), stamp_ns=stamp_ns)
         is_ignored = in_site.is_ignored | ~is_reported(in_site.centers, self._result.rig.zones)
         return replace(in_site, is_ignored=is_ignored)
 
@@ -98,10 +99,11 @@ class EvaluationFrames:
         """True boxes of a frame's image: those that the truth has, else its objects at the image's time, projected."""
         if self._truth is None:
             return None
-        shown = self._truth.in_image(name, stamp_ns, frame=frame)
+        of_truth_ns = stamp_ns + self._offset_ns
+        shown = self._truth.in_image(name, of_truth_ns, frame=frame)
         if shown is not None:
             return shown
-        moment = self._truth.moment(stamp_ns, frame=frame)
-        if moment is None or (in_site := self._in_site(moment.boxes)) is None:
+        moment = self._truth.moment(of_truth_ns, frame=frame)
+        if moment is None or (in_site := self._in_site(moment.boxes, stamp_ns)) is None:
             return None
         return projected_truth(in_site, self._cameras[name], moment.camera_pixels.get(name))

@@ -21,6 +21,7 @@ class EvaluateConfig(SettingsModel):
             error. Truth without such counts is evaluated in any case; with 0, hidden objects are, too.
         truth_time: `stamp` compares with where an object was at the frame's stamp, `points` with where it was when the
             lidars measured it, where the truth says that.
+        truth_offset_ms: Stamps of the truth minus the time at which it holds, milliseconds: its clock is another one.
         kitti_difficulty: Level of KITTI's label files; harder objects are neither a miss nor an error. `easy`: at least
             40 px high, fully visible, at most 15 % outside the image; `moderate`: 25 px, partly hidden, 30 %; `hard`:
             25 px, largely hidden, 50 %; null: all objects count.
@@ -31,4 +32,5 @@ class EvaluateConfig(SettingsModel):
     max_range_m: Positive | None = None
     min_lidar_points: CountFromZero = 1
     truth_time: Literal["stamp", "points"] = "stamp"
+    truth_offset_ms: float = 0.0
     kitti_difficulty: Literal["easy", "moderate", "hard"] | None = None

@@ -43,6 +43,13 @@ def of_all(**figures: int) -> dict[str, Any]:
             ],
         ),
         (
+            {"truth_offset_s": -0.5},
+            [
+                "truth: most objects that move are found where it has them about 0.50 s earlier; if its clock is "
+                "another one: --set evaluate.truth_offset_ms=-500"
+            ],
+        ),
+        (
             {"truth_objects": NONE_EVALUATED},
             [
                 "truth: none of its objects is evaluated: 3 marked as ignored, 2 without a lidar point and without a "

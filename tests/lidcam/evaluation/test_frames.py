@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,8 +28,10 @@ def truth_file(path: Path, raws: list[RawMessage]) -> Path:
     return path
 
 
-def compared(result: Path, *truth: Path) -> tuple[list[EvaluationFrame], EvaluationFrames]:
-    with open_result(result) as opened, open_truth(opened, truth) as found:
+def compared(
+    result: Path, *truth: Path, settings: Sequence[str] = ()
+) -> tuple[list[EvaluationFrame], EvaluationFrames]:
+    with open_result(result, settings) as opened, open_truth(opened, truth) as found:
         frames = EvaluationFrames(opened, found)
         return [*frames], frames
 
@@ -69,6 +72,15 @@ def cars(*, frame_id: str = "site", count: int = 40) -> list[RawMessage]:
         ]
         found.append(truth_message(stamp_ns, objects, frame_id=frame_id))
     return found
+
+
+def test_truth_with_another_clock(tmp_path: Path) -> None:
+    result = written_result(tmp_path / "out.mcap", [frame(index) for index in range(3)])
+    truth = truth_file(tmp_path / "truth.mcap", cars())
+    frames, _ = compared(result, truth, settings=["evaluate.truth_offset_ms=250"])
+    for index, one in enumerate(frames):
+        assert (one.stamp_ns, truth_of(one).stamp_ns) == (START_NS + index * PERIOD_NS,) * 2
+        np.testing.assert_allclose(truth_of(one).centers[:, 0], [12.5 + index, -20, 32.5 + index], atol=1e-6)
 
 
 def test_truth_in_the_site_frame(tmp_path: Path) -> None:
