@@ -115,7 +115,7 @@ def slower_warnings(
 
 
 def _event(jump: TimeJump) -> tuple[str, int]:
-    """What jumps of time that are told together have in common."""
+    """The kind of a jump, and its size or place: equal for jumps that are told together."""
     return jump.kind, round(jump.by_ns / ALIKE_NS) if jump.topic else jump.at_ns
 
 
