@@ -219,8 +219,9 @@ class Clocks:
             return [*after]
         topic, at_ns, step_ns = after[0].topic, after[0].log_time_ns, before_ns - after_ns
         all_ns = clock.step_ns + step_ns
+        all_ns = all_ns if abs(all_ns) > JUMP_NS else 0  # it is as it was at first
         others = [one for one in self._clocks.values() if one is not clock and one.may_be_set(at_ns)]
-        if all(abs(one.all_steps_ns - all_ns) <= JUMP_NS for one in others):
+        if all_ns and all(abs(one.all_steps_ns - all_ns) <= JUMP_NS for one in others):
             while self.jumps and self.jumps[-1].kind == "moved":  # those of others were not alone, as it turns out
                 self.jumps.pop()
             self._begin_part(TimeJump("stamps", at_ns, -all_ns))
@@ -236,8 +237,8 @@ class Clocks:
             self.jumps.append(TimeJump("set", at_ns, -step_ns, topic))
             return [*after]
         self.jumps.append(TimeJump("moved", at_ns, -step_ns, topic))
-        clock.step_ns = all_ns
-        return [_moved(one, step_ns) for one in after]
+        back_ns, clock.step_ns = all_ns - clock.step_ns, all_ns
+        return [_moved(one, back_ns) for one in after]
 
     def _first(self, clock: _Clock, held: RawMessage | None, message: RawMessage) -> list[RawMessage]:
         """A message of a topic without a good one before it in this part."""

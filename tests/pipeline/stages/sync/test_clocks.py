@@ -222,6 +222,17 @@ def test_a_clock_that_is_set_costs_only_what_is_near(topics: str, late_s: float,
     assert all(round(-jump.by_ns / S, 3) == by_s for jump in clocks.jumps)
 
 
+@pytest.mark.parametrize("by_s", [-8.0, 3.0, 3600.0])
+def test_a_clock_that_is_set_and_set_back_leaves_no_trace(by_s: float) -> None:
+    recorded = [(t, k / 10 + by_s * (t == "a" and 10 <= k < 20), k / 10 + 0.05) for k in range(30) for t in "ab"]
+    ((*part,),), drops, clocks = run(recorded)
+    assert [of(part, topic) for topic in "ab"] == [[k / 10 for k in range(30)]] * 2
+    assert not drops
+    assert [(jump.kind, jump.topic, jump.by_ns > 0) for jump in clocks.jumps] == [
+        ("moved", "a", is_back) for is_back in (by_s < 0, by_s > 0)
+    ]
+
+
 @pytest.mark.parametrize("offset_s", [0, -4e8])
 def test_a_clock_that_is_set_right_is_believed(offset_s: float) -> None:
     """It was recorded seconds late, or has an offset from before it was set, which a later part lacks."""
