@@ -35,6 +35,9 @@ MIN_PAIRS = 20
 MIN_TRACKS = 2
 """Minimum number of tracks that these pairs belong to."""
 
+MIN_WITNESSES = 3
+"""Minimum number of sides of these tracks that the camera sees: two show no spread."""
+
 HUBER = 1.5
 """Residual, in standard deviations (root mean square over the edges), beyond which pairs weigh less."""
 
@@ -148,7 +151,8 @@ def camera_error(
         config: Outline of objects and uncertainty of boxes.
         free: (7,) values that may differ from zero; None: all.
     """
-    if not _has_enough(pairs.tracks):
+    groups = np.stack([pairs.tracks, _seen_sides(pairs)], 1)
+    if not _has_enough(groups):
         return None
     fit = _Fit(pairs, camera, lidar_xyz, config)
     is_free = np.ones(7, np.bool_) if free is None else free
@@ -165,11 +169,10 @@ def camera_error(
         pull = np.einsum("nei,n,ne->i", slopes, weights, residuals) - fit.prior * values
         values = values + np.linalg.solve(normal, pull)
     used = weights > 0
-    if not _has_enough(pairs.tracks[used]):
+    if not _has_enough(groups[used]):
         return None
     scores = np.einsum("nei,n,ne->ni", slopes, weights, residuals)
     information = np.einsum("nei,n,nej->nij", slopes, weights, slopes)
-    groups = np.stack([pairs.tracks, _seen_sides(pairs)], 1)
     covariance = jackknife_covariance(scores[used], information[used], groups[used], normal, fit.prior)
     min_sigmas = MIN_SIGMAS * np.array([1, 1, 1, fit.size_m, fit.size_m, fit.size_m, 1])
     return CameraError(
@@ -184,8 +187,9 @@ def camera_error(
     )
 
 
-def _has_enough(tracks: I64) -> bool:
-    return len(tracks) >= MIN_PAIRS and len(np.unique(tracks)) >= MIN_TRACKS
+def _has_enough(groups: I64) -> bool:
+    tracks, witnesses = np.unique(groups[:, 0]), np.unique(groups, axis=0)
+    return len(groups) >= MIN_PAIRS and len(tracks) >= MIN_TRACKS and len(witnesses) >= MIN_WITNESSES
 
 
 def _seen_sides(pairs: TrackedPairs) -> I64:

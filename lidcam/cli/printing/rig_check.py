@@ -11,7 +11,7 @@ from lidcam.cli.printing.console import print_warnings
 from lidcam.cli.printing.running import ShownProgress
 from lidcam.cli.printing.tables import ColumnsTable
 from lidcam.cli.printing.terminal import show_line, show_table
-from lidcam.pipeline.calibration.camera_error import MIN_PAIRS, MIN_TRACKS, CameraError
+from lidcam.pipeline.calibration.camera_error import MIN_PAIRS, MIN_TRACKS, MIN_WITNESSES, CameraError
 from lidcam.pipeline.calibration.lidar_error import LidarError
 from lidcam.pipeline.core.arrays import Bools
 from lidcam.run.frame import Frame
@@ -66,7 +66,7 @@ def print_check(out: Console, check: RigCheck) -> None:
         show_line(
             out,
             f"{NOT_JUDGED}: fewer than {MIN_PAIRS} pairs of a 2D box and a tracked box of the lidars, or fewer than "
-            f"{MIN_TRACKS} tracks; 2D boxes are recorded or come from --model-2d",
+            f"{MIN_TRACKS} tracks or {MIN_WITNESSES} of their sides; 2D boxes are recorded or come from --model-2d",
             "dim",
         )
     print_warnings(out, check.warnings)

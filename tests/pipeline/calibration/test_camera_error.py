@@ -91,8 +91,8 @@ def test_noise_of_the_sides_is_learned_beside_that_of_top_and_bottom() -> None:
 
 @pytest.mark.parametrize(
     "frames",
-    [[], without_tracks(passing(frames=3)), passing(frames=3), passing(tracks=1, frames=90)],
-    ids=["nothing", "no tracks", "few pairs", "one track"],
+    [[], without_tracks(passing(frames=3)), passing(frames=3), passing(tracks=1, frames=90), passing(tracks=2, seed=3)],
+    ids=["nothing", "no tracks", "few pairs", "one track", "two tracks, each from one side"],
 )
 def test_too_little_is_not_judged(frames: list[FrameResult]) -> None:
     assert judged(frames) is None
