@@ -103,12 +103,14 @@ class Weighed:
     @cached_property
     def starts(self) -> "list[tuple[Start, Start]]":
         """By frame, the evidence before a camera is asked, of the hypotheses and of the lidars' boxes by themselves."""
+        prior = RecallCounts(self.cameras)
+        seen = [view_shares(one.visibility, prior.plain(one.visibility)).max(1, initial=0.0) for one in self.frames]
         return [
             (
-                Start.of(self.config, one.boxes, one.lidar_count, view_shares(one.visibility).max(1, initial=0.0)),
+                Start.of(self.config, one.boxes, one.lidar_count, shares),
                 Start.of(self.config, one.alone, len(one.alone), np.zeros((2, len(one.alone)))),
             )
-            for one in self.frames
+            for one, shares in zip(self.frames, seen, strict=True)
         ]
 
 

@@ -74,7 +74,8 @@ class Believe:
         Raises:
             FrameError: the motion is that of a frame other than the site frame.
         """
-        recall, shares = self._recall.plain(visibility), view_shares(visibility)
+        recall = self._recall.plain(visibility)
+        shares = view_shares(visibility, recall)
         boxes, look = hypotheses.boxes, np.isin(self._cameras, visibility.cameras)
         rows = [self._cameras.index(name) for name in visibility.cameras]
         shape = len(self._cameras), len(boxes)

@@ -145,13 +145,14 @@ def camera_evidence(visibility: Visibility, plain_recall: F64, by: Coefficients)
     return np.asarray(np.where(visibility.is_matched, matched, missed))
 
 
-def view_shares(visibility: Visibility) -> F64:
+def view_shares(visibility: Visibility, plain_recall: F64) -> F64:
     """(2, C, N) how well each camera sees each box, from 0 (not in view, or hidden) to 1 (in full view).
 
-    The second row leaves out how much is hidden, as long as a part shows.
+    The second row leaves out how much is hidden, as long as a part shows, and counts the recall: what is too small for
+    a camera cannot look like an object to it, too.
     """
-    shown = _shown(visibility)
-    return np.stack([shown, shown > 0]) * visibility.in_view * np.where(visibility.is_cut, CUT_RECALL, 1.0)
+    shown, whole = _shown(visibility), np.where(visibility.is_cut, CUT_RECALL, 1.0)
+    return np.stack([shown, (shown > 0) * plain_recall]) * visibility.in_view * whole
 
 
 def _shown(visibility: Visibility) -> F64:

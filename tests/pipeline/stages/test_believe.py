@@ -57,6 +57,13 @@ def test_what_a_camera_confirms_what_nobody_looks_at_and_what_it_does_not_confir
     assert silent[1] == pytest.approx(doubted, rel=0.02), "an empty list is a look at nothing"
 
 
+def test_what_is_too_small_for_a_camera_is_hardly_doubted() -> None:
+    boxes = boxes3d([BESIDE, (120.0, 5.0, 0.0, 4.0, 1.8, 1.5, 0.0)], scores=[0.65] * 2)
+    near, far = believed(hypotheses(boxes), NOTHING, Config(detect3d=Detect3DConfig(method="combined")))
+    assert near < 0.1
+    assert far > 0.5
+
+
 def test_of_vehicles_on_one_ground_one_is_there() -> None:
     rows = [BEHIND, (-21.0, 0.0, 0.0, 8.0, 2.5, 3.0, 0.0), (-23.0, 0.0, 0.0, 4.0, 1.8, 1.5, 0.0)]
     boxes, given = boxes3d(rows, scores=[0.7, 0.8, 0.6]), Config(detect3d=Detect3DConfig(method="none"))

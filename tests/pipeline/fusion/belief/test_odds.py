@@ -95,15 +95,15 @@ def test_a_networks_box_counts_less_as_far_as_a_camera_sees_it() -> None:
 @pytest.mark.parametrize(
     ("seen", "shares"),
     [
-        (views(), [1, 1]),
-        (views(visible=0.35), [0.5, 1]),
+        (views(), [1, 0.9]),
+        (views(visible=0.35), [0.5, 0.9]),
         (views(visible=0.1), [0, 0]),
         (views(in_view=False), [0, 0]),
-        (views(is_cut=True), [CUT_RECALL, CUT_RECALL]),
+        (views(is_cut=True), [CUT_RECALL, CUT_RECALL * 0.9]),
     ],
 )
 def test_how_well_a_camera_sees_a_box(seen: Visibility, shares: list[float]) -> None:
-    assert view_shares(seen)[:, 0, 0].tolist() == pytest.approx(shares)
+    assert view_shares(seen, np.array([[0.9]]))[:, 0, 0].tolist() == pytest.approx(shares)
 
 
 def test_improbable_people_in_view_are_as_probable_as_what_a_2d_box_proposes() -> None:
