@@ -1,7 +1,6 @@
 """The command `lidcam demo`."""
 
 import filecmp
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +9,7 @@ import typer
 from lidcam.bags import SAMPLE
 from lidcam.cli.options import Overwrite, with_log_options
 from lidcam.cli.process import made_folder, run_process
+from lidcam.outputs.registry import usual_endings
 
 
 @with_log_options
@@ -34,7 +34,6 @@ def demo(
         if not (recording.is_file() and filecmp.cmp(SAMPLE, recording, shallow=False)):
             with OutputTransaction([recording], check_old=check_old) as copied:  # to be tried out with other commands
                 copied[recording].write_bytes(SAMPLE.read_bytes())
-        endings = (".mcap", *[".rrd"] * (find_spec("rerun") is not None), ".html")
-        outputs = [recording.with_suffix(ending) for ending in endings]
+        outputs = [recording.with_suffix(ending) for ending in usual_endings()]
         run_process(make_job(recording, outputs, config="sandbox", overwrite=overwrite))
     show_line(console(), f"processed: {recording}; lidcam inspect {recording} shows what is in it")

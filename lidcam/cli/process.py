@@ -6,7 +6,6 @@ import re
 import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
@@ -27,7 +26,7 @@ from lidcam.cli.options import (
 from lidcam.cli.printing.log import is_verbose
 from lidcam.cli.printing.numbers import Units
 from lidcam.cli.verdict import Verdict, strict_failure
-from lidcam.outputs.registry import endings_of
+from lidcam.outputs.registry import endings_of, usual_endings
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from lidcam.readers.location import ENDINGS, Location, location, recording_stem
@@ -111,9 +110,8 @@ def process(
         )
     inputs, output, folder = _places(paths, out)
     if folder is not None:
-        report = report or str(output.with_suffix(".html"))
-        if find_spec("rerun") is not None:
-            rerun = rerun or str(output.with_suffix(".rrd"))
+        made = {ending: str(output.with_suffix(ending)) for ending in usual_endings()}
+        rerun, report = rerun or made.get(".rrd"), report or made.get(".html")
     if options.get("workers") != 1:
         # Processes already fill the cores; threads of libraries inside of one would only wait for each other.
         # Read once, when the libraries are loaded.

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
+from importlib import import_module
 from itertools import chain
 from pathlib import Path
 
@@ -34,6 +35,8 @@ def open_outputs(job: Job) -> OutputTransaction:
     for path, output in written_outputs(job):
         if output.made_of_result and ".mcap" not in known:
             raise OutputError(f"{path}: needs an .mcap output as well: it is made of that result")
+        for module in output.needs:
+            import_module(module)  # says what is missing before the run, not after it
     files = written_files(job)
     check_no_input(files, (*job.inputs, *job.read_files))
     folders = [path for path, output in written_outputs(job) if output.folder_of]

@@ -5,6 +5,7 @@ Writers are named as `module:name` and loaded when they are wanted: `--help` rea
 
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -29,6 +30,7 @@ class Output:
     how_to_open: str = ""  # Instruction to open `{path}`, and the `{layout}` beside it
     folder_of: str = ""  # What a folder holds
     has_layout: bool = False  # Whether a layout for Foxglove is written beside it
+    needs: tuple[str, ...] = ()  # Modules that a small installation lacks; a run into a folder then does without it
 
     def beside(self, path: Path, config: "Config") -> tuple[Path, ...]:
         """The texts that are written beside it."""
@@ -66,6 +68,7 @@ OUTPUTS = [
         f"{_WRITERS}:open_rerun",
         is_own=f"{_ALLOWED}:is_own_rrd",
         how_to_open="rerun {path}",
+        needs=("rerun",),
     ),
     Output(
         "Parquet",
@@ -98,6 +101,7 @@ OUTPUTS = [
         made_of_result="lidcam.outputs.report.make:make_page",
         is_own=f"{_ALLOWED}:is_own_page",
         how_to_open="open {path} in a browser",
+        needs=("jinja2", "scipy"),
     ),
     Output(
         "Images",
@@ -132,6 +136,12 @@ def output_of(path: PurePath) -> Output | None:
 def endings_of(option: str) -> tuple[str, ...]:
     """The endings of the names that an option takes; the first is that of a batch."""
     return tuple(output.ending or "" for output in OUTPUTS if output.option == option)
+
+
+def usual_endings() -> list[str]:
+    """The endings of what a run into a folder writes, as far as this installation can."""
+    can = [row.ending for row in OUTPUTS if row.ending and row.needs and all(map(find_spec, row.needs))]
+    return [".mcap", *can]
 
 
 def written_outputs(job: "Job") -> list[tuple[Path, Output]]:
