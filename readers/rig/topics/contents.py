@@ -164,7 +164,7 @@ PATTERN_PX = 320, 240
 """Size at which the patterns of images are compared."""
 
 MIN_PATTERN, MIN_COPY = 0.8, 0.98
-"""Smallest correlations of an image's pattern with that of the same image, something drawn on it, and of its copy."""
+"""Smallest correlations of an image's pattern with that of the same image, drawn on or resized, and of its copy."""
 
 
 def image_sources(
@@ -197,7 +197,8 @@ def image_sources(
         if pair.is_stamped and has_info(pair.sensor) and not has_info(pair.topic) and frame == other != "":
             return True
         made, image = contents.at(pair.topic, pair.log_ns), contents.at(pair.sensor, pair.sensor_log_ns)
-        least = MIN_COPY if has_info(pair.topic) else MIN_PATTERN  # pairs of stereo cameras share a frame
+        is_of_size = first.image_size(pair.topic, IMAGE) == first.image_size(pair.sensor, IMAGE)
+        least = MIN_COPY if has_info(pair.topic) and is_of_size else MIN_PATTERN  # stereo cameras share a frame
         return float((made * image).sum()) >= least
 
     return contents.sources(sorted(ordered, key=rawness), is_made_of)

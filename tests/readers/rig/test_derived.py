@@ -370,11 +370,13 @@ def colored_mask(one: Sweep) -> Iterable[RawMessage]:
     yield picture("/segnet/output", one, "cam", cv2.blur(texture(one.number), (61, 61)))
 
 
-def resized(one: Sweep) -> Iterable[RawMessage]:
-    yield picture(
-        "/small/image_raw", one, "cam", cv2.resize(texture(one.number), (230, 173), interpolation=cv2.INTER_AREA)
-    )
-    yield calibration("/small/camera_info", one, "cam", 0.72)
+def resized(share: float) -> Made:
+    def of_sweep(one: Sweep) -> Iterable[RawMessage]:
+        small = cv2.resize(texture(one.number), None, fx=share, fy=share)
+        yield picture("/small/image_raw", one, "cam", small)
+        yield calibration("/small/camera_info", one, "cam", share)
+
+    return of_sweep
 
 
 def right(frame: str, shift_px: int) -> Made:
@@ -393,7 +395,8 @@ def right(frame: str, shift_px: int) -> Made:
         (debug_image("cam", 150_000_000), ["camera"]),  # its node writes a stamp of its own
         (debug_image("", 150_000_000), ["camera"]),
         (colored_mask, ["camera"]),
-        (resized, ["camera"]),
+        (resized(0.72), ["camera"]),
+        (resized(0.25), ["camera"]),
         (right("cam", 1), ["camera", "right"]),  # frames of stereo pairs are that of the left camera
         (right("cam_right", 0), ["camera", "right"]),
     ],
