@@ -51,6 +51,9 @@ MIN_SAME, MIN_NEAR = 0.9, 0.8
 MIN_WIDER, MAX_THINNED = 1.4, 0.5
 """Smallest ratio of spreads, and largest of points, of a cloud that was thinned out: points near a lidar are dense."""
 
+AXES = [0, 1, 2], [2, 0, 1]
+"""Ahead, left and up among the axes of a cloud, and of those of LOAM: left, up, ahead."""
+
 LEAVES_M = 0.05, 0.1, 0.15
 """Cells of which filters keep one point each (VoxelGrid); larger ones thin a cloud out."""
 
@@ -146,7 +149,10 @@ def cloud_sources(
         beside = [
             one
             for one in topics
-            if counts[one] < counts[topic] and frames[one] != frame and not _is_above(frames[one], frame, transforms)
+            if counts[one] < counts[topic]
+            and frames[one] != frame
+            and transforms.are_joined(frames[one], frame)
+            and not _is_above(frames[one], frame, transforms)
         ]
         for pair in (pair for pairs in contents.pairs(topic, beside).values() for pair in pairs[:1]):
             with suppress(MessageError):
@@ -235,7 +241,7 @@ def _is_unjoined_cloud_of(
     is_unknown = made.frame_id not in transforms.fixed.frames and made.frame_id not in transforms.moving
     if measured == (False, True) and is_unknown:
         return True
-    is_near = not measured[0] and _found(made.xyz, cloud.xyz, NEAR_M) >= MIN_NEAR
+    is_near = not measured[0] and any(_found(made.xyz[:, axes], cloud.xyz, NEAR_M) >= MIN_NEAR for axes in AXES)
     return is_near or _is_same(made.xyz, cloud.xyz) or is_copied()
 
 

@@ -116,6 +116,18 @@ def lio_sam(one: Sweep) -> Iterable[RawMessage]:
     yield from (moved(one, "odom", "base_link"), moved(one, "map", "odom"))
 
 
+def lego_loam(one: Sweep) -> Iterable[RawMessage]:
+    """Of which /camera has LOAM's axes: x to the left, y up, z ahead."""
+    by_ring = np.lexsort((one.fields["time"], one.fields["ring"]))[: len(one.xyz) * 3 // 4]
+    ranges = {"intensity": np.linalg.norm(one.xyz[by_ring], axis=1).astype(np.float32)}
+    yield cloud("/full_cloud_info", one, one.xyz[by_ring], "base_link", ranges)
+    yield cloud("/segmented_cloud_pure", one, one.xyz[by_ring[::5]], "base_link")
+    yield cloud("/laser_cloud_sharp", one, one.deskewed[by_ring[::40]][:, [1, 2, 0]], "/camera")
+    yield cloud("/laser_cloud_less_flat", one, thinned(one.deskewed, 0.2)[:, [1, 2, 0]], "/camera")
+    yield cloud("/registered_cloud", one, (one.deskewed + one.driven)[:, [1, 2, 0]], "/camera_init")
+    yield moved(one, "camera_init", "camera")
+
+
 def autoware(one: Sweep) -> Iterable[RawMessage]:
     one.fields["intensity"] //= 16  # few values, as most lidars send: their order alone tells that they were copied
     kept = (np.abs(one.xyz[:, :2]) > (2.2, 1)).any(1) & (one.fields["time"] > 0.02)
@@ -242,6 +254,8 @@ VELODYNE, LEFT, LINK = (
         (corrected("lidar_link"), False, [], []),
         (corrected("base_link", 1.9), True, [], []),
         (in_another_order, False, [], []),
+        (lego_loam, True, [], []),
+        (lego_loam, False, [], []),
         (autoware, True, [VELODYNE], []),
         (in_its_frame, False, [], []),
         (in_a_grid, False, [], []),
