@@ -27,14 +27,7 @@ from lidcam.readers.rig.search import FoundSensors, find_sensors
 from lidcam.readers.rig.sensor_topics import SensorFault
 from lidcam.readers.streams.per_sensor import sensor_messages
 from lidcam.readers.streams.survey import TopicSurvey, survey
-from lidcam.run.box_sources import (
-    BoxSource,
-    KnownBoxes,
-    box_source,
-    boxes_2d_words,
-    check_box_source,
-    engine_3d,
-)
+from lidcam.run.box_sources import BoxSource, KnownBoxes, box_source, boxes_2d_words, check_box_source, engine_3d
 from lidcam.run.choice import SettingsChoice, UsedSettings, use_settings, used_record
 from lidcam.run.frames import RunInput, TimeWindow, missing_from_frames, no_frames, sensor_clocks, synchronize_stamps
 from lidcam.run.job import RigSource, read_rig

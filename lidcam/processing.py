@@ -53,14 +53,7 @@ from lidcam.run.frames import (
 from lidcam.run.job import Job
 from lidcam.run.missing import MissingSensor
 from lidcam.run.scene import find_motion, on_level_site
-from lidcam.run.summary import (
-    InputSummary,
-    RunSummary,
-    SensorSummary,
-    TimingSummary,
-    camera_corrections,
-    unused_topics,
-)
+from lidcam.run.summary import InputSummary, RunSummary, SensorSummary, TimingSummary, camera_corrections, unused_topics
 from lidcam.run.tally import DropTable, RunProgress, Tally
 from lidcam.run.tracks import tracked
 from lidcam.run.warning import RunWarning

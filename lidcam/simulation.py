@@ -8,12 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import yaml
 
-from lidcam.bags.simulator.recorder.files import (
-    WriteMessage,
-    recording_file,
-    recording_names,
-    ros_version_of,
-)
+from lidcam.bags.simulator.recorder.files import WriteMessage, recording_file, recording_names, ros_version_of
 from lidcam.bags.simulator.recorder.start import simulating
 from lidcam.bags.simulator.scenario.scenario import Scenario, load_scenario, overridden
 from lidcam.bags.simulator.worlds.errors import with_errors

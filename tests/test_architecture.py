@@ -41,12 +41,7 @@ MAY_IMPORT = {
     },
 }
 LOOSE = ("Of ", "Its ", "What ", "That ")
-EXITS = {
-    "lidcam.cli.program",
-    "lidcam.signals",
-    "lidcam.pipeline.parallel.pool",
-    "lidcam.pipeline.parallel.worker",
-}
+EXITS = {"lidcam.cli.program", "lidcam.signals", "lidcam.pipeline.parallel.pool", "lidcam.pipeline.parallel.worker"}
 MAX_LINES = {
     "": (0, 480),
     "bags": (10, 50),

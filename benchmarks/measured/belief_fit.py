@@ -72,11 +72,7 @@ PULL = 1e-4  # weight of the squared distance from the coefficients in use
 MIN_PROBABILITY = 1e-3  # no probability is taken to be nearer to 0 or 1
 ROUNDS = 3  # labels and what is learned during a run depend on the coefficients, and are made anew in each
 
-LIMITS = {
-    "match_score": (0.3, 1.5),
-    "match_iou": (2.0, 6.0),
-    "further": (0.3, 0.8),
-}
+LIMITS = {"match_score": (0.3, 1.5), "match_iou": (2.0, 6.0), "further": (0.3, 0.8)}
 """Recordings of one network and one simulator may not say more: others find less, and are less sure and less exact."""
 
 
@@ -137,12 +133,7 @@ def weighed(given: str, folder: Path, settings: Sequence[str]) -> Weighed:
     collector = Collector()
     result = folder / "result.mcap"
     job = make_job(
-        path,
-        result,
-        settings=[*OPEN, *settings],
-        model_2d=Path(model) if model else None,
-        workers=1,
-        overwrite=True,
+        path, result, settings=[*OPEN, *settings], model_2d=Path(model) if model else None, workers=1, overwrite=True
     )
     process_recording(job, collector)
     frames = []

@@ -9,12 +9,7 @@ from lidcam.pipeline.stages.sync.clocks import Clocks, TimeJump
 from lidcam.pipeline.stages.sync.drop_reason import DropReason
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.run.frames import RunInput
-from lidcam.run.missing import (
-    MissingSensor,
-    absence_warnings,
-    apart_warnings,
-    silence_warnings,
-)
+from lidcam.run.missing import MissingSensor, absence_warnings, apart_warnings, silence_warnings
 from lidcam.run.summary import DropCount, dropped_by_topic
 from lidcam.run.warning import RunWarning
 

@@ -133,12 +133,7 @@ def find_motion(recording: Recording, config: Config, found: Discovery) -> tuple
     """
     unused, site = list[str](), found.rig.site_frame
     source = find_motion_source(
-        recording,
-        found.rig,
-        found.transforms,
-        config,
-        usual_delay_ns=found.usual_delay_ns,
-        on_unused=unused.append,
+        recording, found.rig, found.transforms, config, usual_delay_ns=found.usual_delay_ns, on_unused=unused.append
     )
     if source is None and unused and clouds_show_motion(recording, found.rig, config):
         notes = (

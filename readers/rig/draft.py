@@ -7,13 +7,7 @@ from lidcam.pipeline.core.errors import LidcamError
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.rig import Zone
 from lidcam.readers.rig.assignment import AssignedCamera, AssignedLidar
-from lidcam.readers.rig.calibration import (
-    Frames,
-    calibrate_lidar,
-    camera_extrinsics,
-    camera_frame,
-    check_complete,
-)
+from lidcam.readers.rig.calibration import Frames, calibrate_lidar, camera_extrinsics, camera_frame, check_complete
 from lidcam.readers.rig.discovery import calibrated_rig, parents_first
 from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.rig.lens import Lens, camera_intrinsics, recorded_size

@@ -81,11 +81,7 @@ class OdometryTruth(TruthSource):
     """
 
     def __init__(
-        self,
-        recording: Recording,
-        vehicles: Mapping[str, TruthVehicle],
-        transforms: RecordedTransforms,
-        config: Config,
+        self, recording: Recording, vehicles: Mapping[str, TruthVehicle], transforms: RecordedTransforms, config: Config
     ) -> None:
         recorded = {info.topic: info for info in recording.topics if info.message_count and not info.unreadable}
         for name, vehicle in vehicles.items():

@@ -151,10 +151,7 @@ class VelodyneDecoder:
         recorded = len(packets)
         if not recorded:
             nothing = PointCloud.zeros(
-                stamp_ns=message.stamp_ns,
-                frame_id=packets.frame_id,
-                has_time=True,
-                return_type=np.zeros(0, np.uint8),
+                stamp_ns=message.stamp_ns, frame_id=packets.frame_id, has_time=True, return_type=np.zeros(0, np.uint8)
             )
             return nothing, tuple(drops)
         marked = packets.fields["blocks"]["flag"][:, 0] == BLOCK_FLAGS[0]

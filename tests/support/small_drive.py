@@ -4,16 +4,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from builders import (
-    camera_info,
-    detection2d_array,
-    image,
-    odometry,
-    pointcloud2,
-    raw,
-    tf_message,
-    transform_stamped,
-)
+from builders import camera_info, detection2d_array, image, odometry, pointcloud2, raw, tf_message, transform_stamped
 
 from lidcam.pipeline.core.messages import RawMessage
 

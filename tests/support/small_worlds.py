@@ -48,10 +48,7 @@ def wall(x_m: float, material: Material, *, half_m: float = 50.0) -> Mesh:
 
 
 def box_mover(
-    name: str,
-    path: Path,
-    size_m: tuple[float, float, float] = (4.0, 2.0, 1.5),
-    material: Material = GREY,
+    name: str, path: Path, size_m: tuple[float, float, float] = (4.0, 2.0, 1.5), material: Material = GREY
 ) -> Mover:
     """A box that stands on the ground at its path's place."""
     center = (0.0, 0.0, size_m[2] / 2)

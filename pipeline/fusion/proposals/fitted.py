@@ -75,9 +75,7 @@ class ObjectFitter:
         boxes = self._fitter(combined, rows, segments.starts, sightings.class_ids[segments.group])
         kept = _iou_with(sightings.select(segments.group), boxes) >= MIN_IOU
         return FittedObjects(
-            sighting=segments.group[kept],
-            boxes=Candidates3D(*map(itemgetter(kept), boxes)),
-            worth=segments.worth[kept],
+            sighting=segments.group[kept], boxes=Candidates3D(*map(itemgetter(kept), boxes)), worth=segments.worth[kept]
         )
 
     def _expected(self, sightings: Sightings, placements: Placements) -> Expected:

@@ -60,10 +60,7 @@ class MeasuredEdges(Table):
 
 
 def measured_edges(
-    hypotheses: Hypotheses,
-    boxes2d: Mapping[str, Boxes2D],
-    views: Mapping[str, CameraSensor],
-    config: FuseConfig,
+    hypotheses: Hypotheses, boxes2d: Mapping[str, Boxes2D], views: Mapping[str, CameraSensor], config: FuseConfig
 ) -> MeasuredEdges:
     """All matched 2D boxes of a frame, with errors by `pixel_sigma_px` and `outline_sigma` of the settings."""
     numbered = [(k, name) for k, name in enumerate(views) if name in boxes2d and hypotheses.matches.get(name)]

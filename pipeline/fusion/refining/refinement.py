@@ -305,9 +305,7 @@ def with_turned(boxes: Boxes3D, edges: MeasuredEdges) -> tuple[Boxes3D, Measured
     turned = either.select(unknown)
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     turned = replace(
-        turned,
-        yaws=wrap_angle(turned.yaws + np.pi / 2),
-        covariances=quarter @ turned.covariances @ quarter.T,
+        turned, yaws=wrap_angle(turned.yaws + np.pi / 2), covariances=quarter @ turned.covariances @ quarter.T
     )
     again = np.flatnonzero(is_unknown[edges.rows])
     number = len(boxes) + np.searchsorted(unknown, edges.rows[again])

@@ -127,8 +127,7 @@ def house(
     plaster = Material(f"gable {wall}", wall, walls.reflectivity, texture="concrete")
     ends = [[(x, y, z) for x, z in ((-half, 0.0), (half, 0.0), (0.0, rise))] for y in np.array([0.5, -0.5]) * along]
     gable = merged(  # Two slabs of tiles on a plastered body that ends with the walls.
-        loft(ends, plaster),
-        *(_roof_slab(side, half, rise, along + 2 * eaves, ROOFS[roof]) for side in (-1, 1)),
+        loft(ends, plaster), *(_roof_slab(side, half, rise, along + 2 * eaves, ROOFS[roof]) for side in (-1, 1))
     ).moved((*middle, height), yaw=np.pi / 2 if ridge_along_x else 0.0)
     chimney_at = middle + (np.array([0.3 * along, 0.15 * across]) if ridge_along_x else np.array([0.15, 0.3]) * size)
     chimney = box((*chimney_at, height + 0.75 * rise + 0.3), (0.7, 0.7, 0.9 * rise), BRICK_CHIMNEY)

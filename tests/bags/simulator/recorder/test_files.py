@@ -11,14 +11,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from lidcam.bags.simulator.recorder.files import WriteMessage, recording_file, recording_names, ros_version_of
-from lidcam.bags.simulator.recorder.messages import (
-    MessageFactory,
-    TrueObject,
-    ViewedObject,
-    class_of,
-    counted,
-    seen_by,
-)
+from lidcam.bags.simulator.recorder.messages import MessageFactory, TrueObject, ViewedObject, class_of, counted, seen_by
 from lidcam.pipeline.core.arrays import Array
 from lidcam.pipeline.core.camera import CameraModel
 from lidcam.pipeline.core.errors import OutputError

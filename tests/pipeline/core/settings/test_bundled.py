@@ -41,8 +41,7 @@ def test_neither_a_preset_nor_a_file(name: str, meant: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "found"),
-    [(7, "int"), ({"track": {}}, "dict; single values go into settings, as {'track.mode': 'none'}")],
+    ("name", "found"), [(7, "int"), ({"track": {}}, "dict; single values go into settings, as {'track.mode': 'none'}")]
 )
 def test_no_name(name: Any, found: str) -> None:
     with pytest.raises(ConfigError) as caught:

@@ -60,9 +60,7 @@ def message(topic: str, stamp_ms: int, log_ms: int, position: int = 0) -> RawMes
 
 
 def run(
-    messages: Iterable[RawMessage],
-    *,
-    topics: Sequence[str] = TOPICS,
+    messages: Iterable[RawMessage], *, topics: Sequence[str] = TOPICS
 ) -> tuple[list[SensorBundle], Counter[tuple[str, str]], SyncStats]:
     drops: Counter[tuple[str, str]] = Counter()
 
