@@ -12,7 +12,7 @@ from lidcam.pipeline.core.errors import CalibrationError
 from lidcam.readers.input_file import InputFile
 from lidcam.readers.location import Location
 from lidcam.readers.rig.schema import RigFile
-from lidcam.run.effect import EVALUATING, check_effect
+from lidcam.run.effect import check_effect
 from lidcam.run.job import FilePath, PathOrUrl, RigSource, Settings, locations, read_rig
 from lidcam.run.warning import RunWarning
 
@@ -48,7 +48,7 @@ def make_evaluation_job(
     required = [requirements] if isinstance(requirements, str | Requirement) else [*requirements]
     texts = [one for one in required if isinstance(one, str)]
     given = tuple(as_texts(settings))
-    check_effect(given, EVALUATING)
+    check_effect(given)
     rig_file = read_rig(rig)
     if rig_file is not None and not rig_file.vehicles and rig_file.zones is None:
         raise CalibrationError(

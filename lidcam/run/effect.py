@@ -22,14 +22,14 @@ NAMED = (
 """Settings that name files."""
 
 
-def check_effect(settings: Sequence[str], sections: Sequence[str]) -> None:
-    """Check that single settings (`["evaluate.iou=[0.5]"]`) are in sections that are read; ignores unknown sections."""
+def check_effect(settings: Sequence[str]) -> None:
+    """Check that an evaluation reads single settings (`["evaluate.iou=[0.5]"]`); ignores unknown sections."""
     for text in settings:
         key = text.partition("=")[0].strip()
         section = key.partition(".")[0]
-        if section in Config.model_fields and section not in sections:
+        if section in Config.model_fields and section not in EVALUATING:
             raise ConfigError(
-                f"settings: {key}: expected a setting of {', '.join(sections)}, found one that changes nothing in a "
+                f"settings: {key}: expected a setting of {', '.join(EVALUATING)}, found one that changes nothing in a "
                 "result that is there; give it to `lidcam process`"
             )
 

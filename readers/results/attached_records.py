@@ -25,7 +25,7 @@ RIG = "rig.yaml"
 """Name of the attached rig."""
 
 SUMMARY = "summary.json"
-"""Name of the attached summary of the run: what it used, dropped and warned of. Earlier versions attach none."""
+"""Name of the attached summary of the run (used, dropped, warned of); missing where the file was not closed."""
 
 NAMES = frozenset({CONFIG, RIG, SUMMARY})
 

@@ -64,7 +64,8 @@ class Result(Closing):
         rig: Its rig.
         sources: Sources of 3D boxes that it has, in the order of `SOURCES`.
         cameras: Names of the cameras that it has 2D boxes of, in the order of the rig.
-        summary: What the run used, dropped and warned of (`lidcam.outputs.provenance`); empty of earlier versions.
+        summary: What the run used, dropped and warned of (`lidcam.outputs.provenance`); empty of a file that was not
+            closed.
     """
 
     def __init__(

@@ -2,19 +2,19 @@ import pytest
 
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.settings.load import load_config
-from lidcam.run.effect import EVALUATING, check_effect, settings_sha256
+from lidcam.run.effect import check_effect, settings_sha256
 
 
 @pytest.mark.parametrize(
-    ("settings", "sections"),
+    "settings",
     [
-        ([], EVALUATING),
-        (["evaluate.iou=[0.5]", " classes.1.name=car", "limit_scale=2"], EVALUATING),
-        (["nothing.of=this", "", "evaluate"], EVALUATING),  # told by those who read them
+        [],
+        ["evaluate.iou=[0.5]", " classes.1.name=car", "limit_scale=2"],
+        ["nothing.of=this", "", "evaluate"],  # told by those who read them
     ],
 )
-def test_settings_that_are_read(settings: list[str], sections: tuple[str, ...]) -> None:
-    check_effect(settings, sections)
+def test_settings_that_are_read(settings: list[str]) -> None:
+    check_effect(settings)
 
 
 @pytest.mark.parametrize("text", ["fuse.min_score=0.9", "fuse={}", " detect3d.x = 1"])
@@ -22,7 +22,7 @@ def test_settings_that_change_nothing(text: str) -> None:
     with pytest.raises(
         ConfigError, match=f"settings: {text.partition('=')[0].strip()}: expected a setting of evaluate"
     ):
-        check_effect(["evaluate.max_range_m=5", text], EVALUATING)
+        check_effect(["evaluate.max_range_m=5", text])
 
 
 def test_how_it_is_run_does_not_change_the_checksum_of_settings() -> None:
