@@ -57,8 +57,6 @@ def test_settings_on_top_of_a_config() -> None:
     assert (job.config.sync.slop_s, job.config.sync.queue_size, job.config.run.workers) == (0.05, 3, 1)
     assert job.config.detect2d.model == Path("x.onnx")
     assert job.config.combine == config.combine
-    with pytest.raises(lidcam.ConfigError, match=r"unknown key 'sync.slop': did you mean 'sync.slop_s'"):
-        lidcam.make_job("none.bag", config=config, settings={"sync.slop": 1})
 
 
 @pytest.mark.parametrize(
@@ -105,8 +103,6 @@ def test_results_are_compared_exported_and_reported(run: lidcam.RunResult, tmp_p
     done = lidcam.export(result, tmp_path / "set", format="nuscenes")
     assert (done.frames, done.boxes > 0) == (run.frames, True)
     assert (tmp_path / "set").is_dir()
-    with pytest.raises(lidcam.OutputError, match="exists and is not empty"):
-        lidcam.export([result], tmp_path / "set", format="nuscenes")
     page = lidcam.report(result, tmp_path / "page.html")
     assert "<html" in page.read_text(encoding="utf-8")
     with pytest.raises(lidcam.OutputError, match="is an input of this run"):

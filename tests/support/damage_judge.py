@@ -55,7 +55,7 @@ def judge_altered(kind: str, chance: Random) -> tuple[Verdict, dict[str, bytes]]
     sound = _sound(kind)
     recovery: Recovery = chance.choice(("as_needed", "as_needed", "as_needed", "full_scan", "none"))
     name = chance.choice(sorted(sound.files))
-    content, how = _altered(sound.files[name], chance)
+    content, how = altered(sound.files[name], chance)
     files = {**sound.files, name: content}
     with TemporaryDirectory(prefix="lidcam-damage-") as folder:
         verdict = judge(sound, write_files(Path(folder), sound, files), recovery)
@@ -117,7 +117,7 @@ def _peak_mib() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
 
 
-def _altered(content: bytes, chance: Random) -> tuple[bytes, str]:
+def altered(content: bytes, chance: Random) -> tuple[bytes, str]:
     """A file with one to three alterations, mostly one, and what they are."""
     said = []
     for _ in range(chance.choice((1, 1, 1, 1, 2, 3))):
@@ -140,6 +140,10 @@ def _changed(how: str, content: bytes, chance: Random) -> bytes:
             )
         case "few bytes":
             return content[:at] + chance.randbytes(len(content[at : at + 8])) + content[at + 8 :]
+        case "number":  # one beside which a size or an offset overflows
+            size = chance.choice((1, 2, 4, 8))
+            number = (1 << chance.randrange(8 * size)) - chance.randrange(2)
+            return content[:at] + number.to_bytes(size, chance.choice(("little", "big"))) + content[at + size :]
         case "cut":
             return content[:at]
         case "zeros":
@@ -162,7 +166,7 @@ def _changed(how: str, content: bytes, chance: Random) -> bytes:
 
 
 ALTERATIONS = (
-    *("bit",) * 3,
+    *("bit", "number") * 3,
     *("byte", "few bytes", "cut", "zeros", "swapped", "repeated", "removed", "inserted", "piece of another"),
 )
 

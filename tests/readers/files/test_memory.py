@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pytest
-from builders import pointcloud2, raw, write_recording
+from builders import raw, write_recording
 
 from lidcam.pipeline.core.errors import MessageError, ShortMemoryError
 from lidcam.pipeline.core.messages import RawMessage
@@ -37,14 +37,6 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path, kind: str) -> N
     assert peaks[1] < peaks[0] + MEGABYTE / 4, peaks
 
 
-CLOUD = "sensor_msgs/msg/PointCloud2"
-
-
-def clouds(encoding: Any = "cdr", count: int = 3, size: int = 1000) -> list[RawMessage]:
-    bodies = ({**pointcloud2([[1, 2, 3]], stamp_ns=i), "data": bytes(size)} for i in range(1, count + 1))
-    return [raw("/a", CLOUD, body, i, encoding=encoding) for i, body in enumerate(bodies, 1)]
-
-
 def none_left(*_: Any, **__: Any) -> Any:
     raise MemoryError
 
@@ -61,7 +53,7 @@ def none_left(*_: Any, **__: Any) -> Any:
 def test_of_every_container(
     tmp_path: Path, kind: str, place: str, recovery: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = write_recording(tmp_path / "a", kind, clouds("ros1" if kind == "bag-lz4" else "cdr"))
+    path = write_recording(tmp_path / "a", kind, blobs(3, "ros1" if kind == "bag-lz4" else "cdr"))
     monkeypatch.setattr(place, none_left)
     with (
         pytest.raises(ShortMemoryError, match="not enough memory to read "),
@@ -71,7 +63,7 @@ def test_of_every_container(
 
 
 def test_of_a_message(monkeypatch: pytest.MonkeyPatch) -> None:
-    (message,) = clouds(count=1)
+    (message,) = blobs(1, "cdr")
     monkeypatch.setattr("rosbags.typesys.store.Typestore.deserialize_cdr", none_left)
     with pytest.raises(MemoryError):
         deserialize(message)
