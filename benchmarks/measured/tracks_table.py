@@ -109,7 +109,7 @@ def ab3dmot(frames: Sequence[EvaluationFrame], config: Config) -> Iterator[Sourc
     A Kalman filter of constant velocity over x, y, z, yaw, length, width and height with its own covariances, and an
     assignment of least distance, by the centres as in its later versions. Boxes are those of the filter.
     """
-    lengths_m = _lengths_m(config)
+    lengths_m = np.array([one.size_m[0] for one in config.classes])
     tracks: list[_Filter] = []
     count = 0
     for index, frame in enumerate(frames):
@@ -165,10 +165,6 @@ class _Filter:
         self.x = self.x + gain @ error
         self.P = self.P - gain @ self.P[:7]
         self.hits, self.age, self.score = self.hits + 1, 0, score
-
-
-def _lengths_m(config: Config) -> F64:
-    return np.array([one.size_m[0] for one in config.classes])
 
 
 def _pose(frame: EvaluationFrame) -> F64:

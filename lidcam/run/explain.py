@@ -72,12 +72,12 @@ def explain(key: str = "") -> Explanation:
         owner, section = section, section_of(annotation)
         is_list = section is not None and section is not annotation
         names.append(part)
-    is_element = "*" in names
+    is_element, field_of = "*" in names, owner if names and names[-1] != "*" else None
     return Explanation(
         ".".join(names),
-        _meaning(owner, names[-1]) if owner and names[-1] != "*" else _first_paragraph(section or Config),
+        _meaning(field_of, names[-1]) if field_of else _first_paragraph(section or Config),
         next((unit for ending, unit in UNITS.items() if names and names[-1].endswith(f"_{ending}")), ""),
-        _allowed(owner, names[-1]) if owner and names[-1] != "*" and (section is None or is_list) else "",
+        _words(field_of.model_json_schema()["properties"][names[-1]]) if field_of and (not section or is_list) else "",
         None if is_element else _value(Config(), names),
         {} if is_element else {name: _value(load_config(name), names) for name in PRESETS},
         {name: _meaning(section, name) for name in section.model_fields} if section else {},
@@ -105,11 +105,6 @@ def _meaning(model: type[BaseModel], name: str) -> str:
 
 def _first_paragraph(model: type[BaseModel]) -> str:
     return " ".join(inspect.cleandoc(model.__doc__ or "").partition("\n\n")[0].split())
-
-
-def _allowed(model: type[BaseModel], name: str) -> str:
-    """The allowed values of a field: `number, above 0`."""
-    return _words(model.model_json_schema()["properties"][name])
 
 
 def _words(schema: Mapping[str, Any]) -> str:

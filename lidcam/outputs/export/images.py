@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 
 from lidcam.outputs.export.frames import FUSED, ExportOptions, ResultFrames
-from lidcam.pipeline.core.arrays import U8
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import RawMessage
@@ -69,7 +68,8 @@ class ResultImages(ResultFrames):
         if self._truth.source is not None and truth is None:
             self._left_out[f"images of {camera.name} without truth at their time"] += 1
             return None
-        data, ending = image_file(message, limits=self._result.config.limits) or (_png(rgb), ".png")
+        recorded = image_file(message, limits=self._result.config.limits)
+        data, ending = recorded or (cv2.imencode(".png", rgb[..., ::-1])[1].tobytes(), ".png")
         return LabelledImage(
             name=f"{self._result.path.stem}__{camera.name}__{frame.index:06d}",
             camera=camera.name,
@@ -116,7 +116,3 @@ class ResultImages(ResultFrames):
         n, names = len(truth), self._class_names[truth.class_ids]
         xyxy = np.clip(truth.xyxy, 0, size)
         return ImageLabels(names, xyxy, np.ones(n, np.float32), truth.track_ids, np.full(n, "truth"))
-
-
-def _png(rgb: U8) -> bytes:
-    return cv2.imencode(".png", rgb[..., ::-1])[1].tobytes()
