@@ -268,9 +268,7 @@ class ChunkCache:
 
     def drop(self, position: int) -> None:
         """Remove the chunk at `position`, because its last message was read."""
-        chunk = self._chunks.pop(position, None)
-        if chunk is not None:
-            self._bytes -= len(chunk)
+        self._bytes -= len(self._chunks.pop(position, b""))
 
 
 def detach(chunk: bytes, start: int, size: int) -> bytes | memoryview:
