@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from hashlib import sha256
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -148,11 +149,7 @@ def test_a_file_that_is_changed_meanwhile(
 def test_a_file_that_cannot_be_read_to_its_end(tmp_path: Path, opened: Opened, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "drive.bag"
     path.write_bytes(bytes(3 * STEP_BYTES))
-
-    def fail(*_: object) -> bytes:
-        raise OSError(5, "Input/output error")
-
-    monkeypatch.setattr("lidcam.readers.input_file.read_at", fail)
+    monkeypatch.setattr("lidcam.readers.input_file.read_at", Mock(side_effect=OSError(5, "Input/output error")))
     with closing(InputFiles(opened([path]), {}, with_checksums=True)) as files:
         files.read_up_to(1.0)
         with pytest.raises(RecordingError, match=r"drive.bag: expected a file that can be read: Input/output error"):

@@ -9,6 +9,7 @@ from pathlib import Path
 from random import Random
 from signal import SIGINT, SIGKILL, SIGSTOP
 from subprocess import PIPE, Popen
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -247,10 +248,8 @@ def test_a_logger_may_appear_while_their_levels_are_read(monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize("way", ["copy"], indirect=True)
 def test_no_copy_is_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse() -> int:
-        raise BlockingIOError(11, "Resource temporarily unavailable")
-
-    monkeypatch.setattr(os, "fork", refuse)
+    refused = BlockingIOError(11, "Resource temporarily unavailable")
+    monkeypatch.setattr(os, "fork", Mock(side_effect=refused))
     with pytest.raises(WorkerError, match=r"cannot be started: Resource temporarily.*run\.workers to 1"):
         next(run(iter(frames(3))))
 

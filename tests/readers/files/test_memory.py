@@ -3,6 +3,7 @@
 import tracemalloc
 from pathlib import Path
 from typing import Any, Literal
+from unittest.mock import Mock
 
 import pytest
 from builders import raw, write_recording
@@ -37,10 +38,6 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path, kind: str) -> N
     assert peaks[1] < peaks[0] + MEGABYTE / 4, peaks
 
 
-def none_left(*_: Any, **__: Any) -> Any:
-    raise MemoryError
-
-
 @pytest.mark.parametrize("recovery", ["none", "as_needed", "full_scan"])
 @pytest.mark.parametrize(
     ("kind", "place"),
@@ -54,7 +51,7 @@ def test_of_every_container(
     tmp_path: Path, kind: str, place: str, recovery: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_recording(tmp_path / "a", kind, blobs(3, "ros1" if kind == "bag-lz4" else "cdr"))
-    monkeypatch.setattr(place, none_left)
+    monkeypatch.setattr(place, Mock(side_effect=MemoryError))
     with (
         pytest.raises(ShortMemoryError, match="not enough memory to read "),
         open_recording([path], ReadOptions(recovery)) as recording,
@@ -64,7 +61,7 @@ def test_of_every_container(
 
 def test_of_a_message(monkeypatch: pytest.MonkeyPatch) -> None:
     (message,) = blobs(1, "cdr")
-    monkeypatch.setattr("rosbags.typesys.store.Typestore.deserialize_cdr", none_left)
+    monkeypatch.setattr("rosbags.typesys.store.Typestore.deserialize_cdr", Mock(side_effect=MemoryError))
     with pytest.raises(MemoryError):
         deserialize(message)
     with pytest.raises(MessageError):

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from helpers import ROOT
@@ -260,11 +261,7 @@ def test_a_run_killed_at_any_step_leaves_whole_files_and_the_next_one_cleans_up(
 
 def test_a_file_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two runs may write one output: the last of them wins, and the file is whole."""
-
-    def refuse(*_: object) -> None:
-        raise OSError(37, "No locks available")
-
-    monkeypatch.setattr("fcntl.flock", refuse)
+    monkeypatch.setattr("fcntl.flock", Mock(side_effect=OSError(37, "No locks available")))
     path = tmp_path / "out.mcap"
     with OutputTransaction([path]) as outputs:
         outputs[path].part.write_text("last")

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from io import FileIO
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -71,12 +72,8 @@ def test_a_full_disk_is_an_error(left: int, disk: Disk, tmp_path: Path) -> None:
 def test_rerun_itself_does_not_go_on(disk: Disk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     logged = recording()
     stream = RerunStream(logged, disk, tmp_path / "out.rrd")
-
-    def never(timeout_sec: float) -> None:
-        raise RuntimeError(f"Flush timed out after {timeout_sec} s")
-
     monkeypatch.setattr(lidcam.writers.rerun.stream, "STALL_S", 0.0)
-    monkeypatch.setattr(logged, "flush", never)
+    monkeypatch.setattr(logged, "flush", Mock(side_effect=RuntimeError("Flush timed out after 0 s")))
     with pytest.raises(OutputError, match=r"out.rrd: Rerun has not written for 0 s \(Flush timed out"):
         stream.flush()
     stream.discard()
@@ -84,11 +81,7 @@ def test_rerun_itself_does_not_go_on(disk: Disk, tmp_path: Path, monkeypatch: py
 
 def test_a_writer_that_fails_at_its_end_leaves_no_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "out.rrd"
-
-    def fail(*_: object) -> None:
-        raise ZeroDivisionError("a bug")
-
-    monkeypatch.setattr(lidcam.writers.rerun.writer, "place_eye", fail)
+    monkeypatch.setattr(lidcam.writers.rerun.writer, "place_eye", Mock(side_effect=ZeroDivisionError))
     with (
         pytest.raises(ZeroDivisionError),
         OutputTransaction([path]) as outputs,

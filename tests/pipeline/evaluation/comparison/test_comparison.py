@@ -64,14 +64,6 @@ def kinds_of(counts: dict[str, Any]) -> dict[str, int]:
     return {kind: counts[kind] for kind in KINDS if counts[kind]}
 
 
-def fused_kinds(first: list[ResultFrame], second: list[ResultFrame]) -> dict[str, int]:
-    return kinds_of(figures(first, second)["sources"]["fused"]["all"])
-
-
-def frames_of(tree: dict[str, Any]) -> list[int]:
-    return [tree[name] for name in ("frames", "frames_different", "frames_only_in_a", "frames_only_in_b")]
-
-
 def changed_in(frames: list[ResultFrame], rows: range, found: SourceBoxes) -> list[ResultFrame]:
     return [replace(frame, sources={"fused": found}) if frame.index in rows else frame for frame in frames]
 
@@ -163,7 +155,8 @@ def test_a_difference_ends_where_a_frame_is_missing() -> None:
     without = changed_in(run, range(6), objects(CARS[0]))
     tree = figures(run, [*without[:2], *without[3:]])
     assert [(told["first_frame"], told["frames"]) for told in tree["differences"]["listed"]] == [(0, 2), (3, 3)]
-    assert frames_of(tree) == [5, 5, 1, 0]
+    names = "frames", "frames_different", "frames_only_in_a", "frames_only_in_b"
+    assert [tree[name] for name in names] == [5, 5, 1, 0]
     assert tree["sources"]["fused"]["all"]["a"] == 10, "objects of frames that one result alone has do not count"
 
 
@@ -174,7 +167,8 @@ def test_tracks_that_swap_their_ids_are_told_once() -> None:
     assert kinds_of(tree["sources"]["fused"]["all"]) == {"reidentified": 2}
     assert [told["first_frame"] for told in tree["differences"]["listed"]] == [3, 3]
     renamed = run_of(6, objects(*CARS, ids=[7, 9]))
-    assert not fused_kinds(run, renamed), "other ids for the same tracks are no change"
+    fused = figures(run, renamed)["sources"]["fused"]["all"]
+    assert not kinds_of(fused), "other ids for the same tracks are no change"
 
 
 def test_boxes_of_images() -> None:
