@@ -104,10 +104,7 @@ class NearestPartners(Generic[R, T]):
         return resolved
 
     def close(self) -> None:
-        """Report all items still held as dropped."""
-        for _, reference, _ in self._references:
-            self._on_reference_drop(reference, DropReason.END)
-        self._references.clear()
+        """Report all items still held as dropped, after `flush`."""
         for topic, queue in enumerate(self._queues):
             self._drop_first(topic, len(queue), DropReason.END)
 

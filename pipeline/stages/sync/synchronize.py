@@ -61,23 +61,18 @@ def synchronize(
         topics: Topics of the bundles, in this order.
         config: Limits of queues and distances.
         reference: One of `topics`, whose message gives a bundle its stamp and log time while it is alive.
-        required: Topics that a bundle needs while they are alive; the others join it (`PartialSets`). None: every
-            bundle has a message of each topic, as in message_filters.
+        required: Those of `topics` that a bundle needs while they are alive; the others join it (`PartialSets`). None:
+            every bundle has a message of each topic, as in message_filters.
         on_drop: Called for each message that is in no bundle, in a fixed order.
         stats: Updated as bundles are consumed; the first bundle's index is the number of its sets.
         max_waiting_bytes: Maximum size of all messages that wait for one another.
 
     Raises:
         RecordingError: more bytes wait.
-        ConfigError: `topics` is empty or names a topic twice, or the reference or a required topic is not among them.
+        ConfigError: `topics` is empty or names a topic twice.
     """
     if not topics or len(set(topics)) < len(topics):
         raise ConfigError(f"sync: expected one or more distinct topics, found {', '.join(topics) or 'none'}")
-    if reference not in topics:
-        raise ConfigError(f"sync.reference: {reference!r} is not synchronised; choose one of {', '.join(topics)}")
-    if unknown := set(required or ()) - set(topics):
-        names = ", ".join(sorted(unknown))
-        raise ConfigError(f"sync.required: {names} is not synchronised; choose from {', '.join(topics)}")
 
     dropped_before: Counter[tuple[str, str]] = Counter()
     waiting = _Waiting(max_waiting_bytes)
