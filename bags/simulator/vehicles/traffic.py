@@ -4,7 +4,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Collection, Mapping
 
-from lidcam.bags.simulator.scenario.scenario import Scenario, VehicleScenario, listed
+from lidcam.bags.simulator.scenario.scenario import Scenario, VehicleScenario
 from lidcam.bags.simulator.vehicles.ackermann import HABITS, Ackermann, AckermannCommand, chassis_of, commands_of_keys
 from lidcam.bags.simulator.vehicles.followers import Follower, Seen
 from lidcam.bags.simulator.vehicles.footprints import Obstacles, Rectangle, footprint, in_the_way, overlap
@@ -62,18 +62,15 @@ class Traffic:
     """The traffic of a scenario, advanced in time.
 
     A step that would bring a vehicle into another one or into an obstacle leaves it at rest where it is. The vehicles
-    in `driven` are under remote control (`command`), whatever the scenario says. They begin at their `start` if the
-    scenario gives one, and otherwise at the start on their route. A static world replaces that of the scenario.
+    in `driven`, none of them a pedestrian, are under remote control (`command`), whatever the scenario says. They begin
+    at their `start` if the scenario gives one, and otherwise at the start on their route. A static world replaces that
+    of the scenario.
 
     Raises:
-        ConfigError: a route is not valid, vehicles or obstacles overlap at the start, or a driven vehicle is unknown or
-            a pedestrian.
+        ConfigError: a route is not valid, or vehicles or obstacles overlap at the start.
     """
 
     def __init__(self, scenario: Scenario, *, driven: Collection[str] = (), static: Mesh | None = None) -> None:
-        for name in driven:
-            if name not in scenario.vehicles:
-                raise ConfigError(f"expected vehicles to drive among {listed(scenario.vehicles)}, found {name!r}")
         self._steps = 0
         self._vehicles: dict[str, _Vehicle] = {}
         routes = _routes(scenario)
@@ -205,8 +202,6 @@ def _routes(scenario: Scenario) -> dict[str, Route]:
 
 def _vehicle(order: int, name: str, vehicle: VehicleScenario, routes: dict[str, Route], *, driven: bool) -> _Vehicle:
     chassis, follower = chassis_of(vehicle.shape, vehicle.scale), None
-    if chassis is None and driven:
-        raise ConfigError(f"vehicles.{name}: expected a vehicle to drive, found a {vehicle.shape}")
     x, y, yaw_deg = vehicle.start
     state = State(x, y, math.radians(yaw_deg), walked_m=vehicle.walked_m)
     if vehicle.route:

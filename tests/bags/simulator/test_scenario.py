@@ -87,6 +87,7 @@ def test_a_sensors_body_is_turned_about_the_axes_of_what_carries_it() -> None:
             "routes.r.yields_to: expected one of r, found 'q'",
         ),
         ({"vehicles": {"a": {"shape": "pedestrian", "keys": "w"}}}, "expected a route for a pedestrian"),
+        ({"vehicles": {"a": {"shape": "pedestrian", "commands": True}}}, "expected a route for a pedestrian"),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: Path, changes: dict[str, Any], message: str) -> None:

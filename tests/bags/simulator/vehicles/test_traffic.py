@@ -142,14 +142,6 @@ def test_what_cannot_be_is_refused(vehicles: dict[str, Any], message: str) -> No
         traffic(vehicles, routes)
 
 
-def test_who_cannot_be_driven() -> None:
-    vehicles = {"a": {}, "walker": route(20, 1.4, shape="pedestrian")}
-    with pytest.raises(ConfigError, match="among a, walker, found 'b'"):
-        traffic(vehicles, {"along": ALONG}, driven=("b",))
-    with pytest.raises(ConfigError, match=r"vehicles\.walker: expected a vehicle to drive, found a pedestrian"):
-        traffic(vehicles, {"along": ALONG}, driven=("walker",))
-
-
 # --- the scenarios that come with lidcam
 
 
