@@ -68,7 +68,7 @@ def load_result(path: Path) -> tuple[RunSummary, Objects]:
                 parts.append(one)
                 if TRACKS_TOPIC in messages:
                     stamp_ns = messages[FUSED].stamp_ns
-                    users.add_objects(stamp_ns, one.class_ids, one.centers, one.tracks, one.speeds)
+                    users.add_objects(stamp_ns, one.class_ids, one.centers, one.tracks, one.speeds, one.moving)
             summary = _summary(result, path, users)
         except (MessageError, KeyError, TypeError, ValueError) as err:
             raise RecordingError(f"{path}: is damaged, or of another version of lidcam: {err}") from err
@@ -87,14 +87,14 @@ def _objects(index: int, messages: Mapping[str, RawMessage], result: Result) -> 
     n, class_ids = len(found), {name: row for row, name in enumerate(config.object_names)}
     numbers = np.maximum(track_ids(found.ids), NO_TRACK)
     motion = {name: np.full(n, np.nan) for name in ("vx", "vy", "yaw_rates", "existence", "ages_s")}
-    fronts_known = np.zeros(n, np.bool_)
+    fronts_known, moving = np.zeros((2, n), np.bool_)
     if TRACKS_TOPIC in messages:
         tracks = decode_tracks(messages[TRACKS_TOPIC], limits=config.limits).tracks
         at, rows = np.nonzero(numbers[:, None] == tracks.ids)
         of_tracks = (*tracks.motions.T, tracks.existence, tracks.ages_s)
         for column, values in zip(motion.values(), of_tracks, strict=True):
             column[at] = values[rows]
-        fronts_known[at] = tracks.fronts_known[rows]
+        fronts_known[at], moving[at] = tracks.fronts_known[rows], tracks.moving[rows]
     return Objects(
         frame_id=found.frame_id,
         class_names=config.object_names,
@@ -115,6 +115,7 @@ def _objects(index: int, messages: Mapping[str, RawMessage], result: Result) -> 
         tracks=numbers,
         velocities=np.stack([motion.pop("vx"), motion.pop("vy")], 1),
         fronts_known=fronts_known,
+        moving=moving,
         **motion,
     )
 

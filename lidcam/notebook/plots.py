@@ -12,7 +12,7 @@ from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import LidcamError
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.tracks import NO_TRACK
-from lidcam.pipeline.evaluation.road_users import MIN_MOVING_SPEED_M_S, RoadUsers
+from lidcam.pipeline.evaluation.road_users import RoadUsers
 from lidcam.writers.palette import class_color
 from lidcam.writers.report.page import LIGHT_SHARE
 from lidcam.writers.report.site_map import background_image, map_extent
@@ -117,8 +117,8 @@ def plot_speeds(objects: Objects, axes: Any, *, km_h: bool) -> Any:
     parts = np.split(order, np.flatnonzero(np.diff(objects.tracks[order])) + 1) if len(order) else []
     speeds = np.array([np.median(objects.speeds[part]) for part in parts]) * (KM_H if km_h else 1.0)
     classes = np.array([np.bincount(objects.class_ids[part]).argmax() for part in parts], np.int64)
-    moved = np.array([objects.speeds[part].max() for part in parts]) >= MIN_MOVING_SPEED_M_S
-    axes.set_title(f"road users: {moved.sum()} moved, {(~moved).sum()} stood", loc="left", fontsize=11)
+    moved = np.array([objects.moving[part].any() for part in parts], np.bool_)
+    axes.set_title(f"{moved.sum()} of {len(moved)} road users moved", loc="left", fontsize=11)
     speeds, classes = speeds[moved], classes[moved]
     fastest = max(float(speeds.max(initial=0.0)), 0.1)
     step = nice(fastest / SPEED_BINS)

@@ -167,7 +167,7 @@ class RunResult(Shown):
     def plot_speeds(self, axes: Any = None, *, units: SpeedUnits = "km/h") -> Any:
         """Plot how many road users were how fast over the ground: the median speed of each that moved, by class.
 
-        The title says how many stood: slower than 0.3 m/s in every frame.
+        It moved if it did in some frame: at 0.3 m/s or more, and beyond the uncertainty of its velocity.
 
         Args:
             axes: matplotlib axes to draw on; None makes a figure.

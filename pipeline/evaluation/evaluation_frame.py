@@ -73,11 +73,12 @@ class Motion(CheckedTable):
     velocities: F64  # (N, 2) float64, over the ground, along x and y of the site frame, m/s; NaN where it is not known
     yaw_rates: F64  # (N,) float64, over the ground, rad/s, counter-clockwise; NaN where it is not known
     is_predicted: Bools  # (N,) bool, whether nothing of the object was seen in this frame
+    moving: Bools  # (N,) bool, of `Tracks`
 
     @classmethod
     def unknown(cls, count: int) -> Self:
         """Objects whose motion is not known."""
-        return cls(np.full((count, 2), np.nan), np.full(count, np.nan), np.zeros(count, np.bool_))
+        return cls(np.full((count, 2), np.nan), np.full(count, np.nan), *np.zeros((2, count), np.bool_))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

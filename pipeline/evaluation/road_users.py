@@ -11,10 +11,7 @@ from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.text import brief
-from lidcam.pipeline.core.tracks import NO_TRACK
-
-MIN_MOVING_SPEED_M_S = 0.3
-"""Minimum speed of a road user, at its fastest, that counts as moving."""
+from lidcam.pipeline.core.tracks import MIN_MOVING_SPEED_M_S, NO_TRACK
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +22,7 @@ class RoadUserCount:
     zone: str  # The zone, `outside` of all zones, or empty: the site
     count: int  # Number of road users that were there for a frame or more
     moved: int  # Number of those that moved, there or elsewhere on the site
-    stood: int  # Number of those that never moved. The speed of the others, seen too briefly, is not known
+    stood: int  # Number of those that never moved, and were slow. The others were seen too briefly to tell
     speed_mean_m_s: float  # Mean, over those that moved, of the mean speed of each while it was there; NaN without any
     speed_max_m_s: float  # Highest speed of one of those in one frame; NaN likewise
 
@@ -64,19 +61,11 @@ class RoadUserTable:
     speed_maxima: F64  # (N,) float64, highest speed of each in one frame, m/s; NaN likewise
     first_zones: I32  # (N,) int32, column of the first zone in which each was; 0: it was in none
     last_zones: I32  # (N,) int32, column of the last
+    moved: Bools  # (N,) bool, which of them moved in some frame
+    stood: Bools  # (N,) bool, which never moved, and were slow in some frame; the others were seen too briefly
 
     def __len__(self) -> int:
         return len(self.class_ids)
-
-    @property
-    def moved(self) -> Bools:
-        """(N,) bool, which of them moved."""
-        return self.speed_maxima >= MIN_MOVING_SPEED_M_S
-
-    @property
-    def stood(self) -> Bools:
-        """(N,) bool, which of them never moved; the others, which did neither, were seen too briefly."""
-        return self.speed_maxima < MIN_MOVING_SPEED_M_S
 
 
 class RoadUserTally:
@@ -100,6 +89,8 @@ class RoadUserTally:
             ("seconds", np.float64, per_place),
             ("first_zone", np.int32),  # rows of the places; 0, outside, until a zone was seen
             ("last_zone", np.int32),
+            ("moved", np.bool_),
+            ("slow", np.bool_),  # in some frame
         ]
         self._tracks = np.zeros(64, columns)
         self._rows: dict[int, int] = {}  # by number of the track
@@ -111,9 +102,12 @@ class RoadUserTally:
         """Count one frame; frames come in order."""
         objects, tracks = frame.fused.objects, frame.fused.tracks
         if tracks is not None:
-            self.add_objects(frame.bundle.stamp_ns, objects.class_ids, objects.centers, tracks.ids, tracks.speeds)
+            stamp_ns, motion = frame.bundle.stamp_ns, (tracks.speeds, tracks.moving)
+            self.add_objects(stamp_ns, objects.class_ids, objects.centers, tracks.ids, *motion)
 
-    def add_objects(self, stamp_ns: int, class_ids: I32, centers: F64, numbers: I64, speeds: F64) -> None:
+    def add_objects(
+        self, stamp_ns: int, class_ids: I32, centers: F64, numbers: I64, speeds: F64, moving: Bools
+    ) -> None:
         """Count the N tracked objects of one frame; frames come in order.
 
         Args:
@@ -122,6 +116,7 @@ class RoadUserTally:
             centers: (N, 3) metres, in the site frame.
             numbers: (N,) of the tracks, from 1; less: the object belongs to none.
             speeds: (N,) over the ground, m/s; NaN where it is not known.
+            moving: (N,) of `Tracks`.
         """
         self._is_tracked = True
         users = ((numbers > NO_TRACK) & (class_ids < len(self._class_names))).nonzero()[0]
@@ -134,6 +129,8 @@ class RoadUserTally:
         found["speed_frames"][rows, places] += np.isfinite(speeds)
         found["speed_sums"][rows, places] += np.nan_to_num(speeds)
         found["speed_max"][rows, places] = np.fmax(found["speed_max"][rows, places], speeds)
+        found["moved"][rows] |= moving[users]
+        found["slow"][rows] |= speeds < MIN_MOVING_SPEED_M_S
         first, last = found["first_zone"][rows], found["last_zone"][rows]
         found["first_zone"][rows] = np.where(first == 0, places, first)
         found["last_zone"][rows] = np.where(places == 0, last, places)
@@ -160,6 +157,8 @@ class RoadUserTally:
             _max_speeds(known, [*range(len(self._places))]),
             known["first_zone"],
             known["last_zone"],
+            known["moved"],
+            known["slow"] & ~known["moved"],
         )
 
     @property
@@ -179,10 +178,9 @@ class RoadUserTally:
         places = [*range(1, len(self._places)), 0] if len(self._places) > 1 else []
         everywhere = [*range(len(self._places))]
         columns = [(self._places[row], [row]) for row in places] + [("", everywhere)]
-        fastest = _max_speeds(found, everywhere)
         for zone, rows in columns:
             here = found["frames"][:, rows].any(1)
-            moved, stood = here & (fastest >= MIN_MOVING_SPEED_M_S), here & (fastest < MIN_MOVING_SPEED_M_S)
+            moved, stood = here & found["moved"], here & found["slow"] & ~found["moved"]
             if here.any():
                 means, maxima = _mean_speeds(found[moved], rows), _max_speeds(found[moved], rows)
                 yield RoadUserCount(
@@ -197,10 +195,9 @@ class RoadUserTally:
 
     def _changes(self, class_name: str, found: Array) -> Iterator[ZoneChange]:
         ways, everywhere = np.stack([found["first_zone"], found["last_zone"]], 1), [*range(len(self._places))]
-        moved = _max_speeds(found, everywhere) >= MIN_MOVING_SPEED_M_S
         for way in np.unique(ways[ways[:, 0] != ways[:, 1]], axis=0):
             went = (ways == way).all(1)
-            means = _mean_speeds(found[went & moved], everywhere)
+            means = _mean_speeds(found[went & found["moved"]], everywhere)
             first, last = (self._places[row] for row in way.tolist())
             yield ZoneChange(class_name, first, last, int(went.sum()), _known(np.mean, means))
 

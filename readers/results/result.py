@@ -191,11 +191,11 @@ class Result(Closing):
         at, rows = np.nonzero(source.track_ids[:, None] == found.tracks.ids)
         n = len(source)
         velocities, yaw_rates = np.full((n, 2), np.nan), np.full(n, np.nan)
-        is_predicted = np.zeros(n, np.bool_)
+        is_predicted, moving = np.zeros((2, n), np.bool_)
         motions = found.tracks.motions[rows]
         velocities[at], yaw_rates[at] = motions[:, :2], motions[:, 2]
-        is_predicted[at] = found.is_predicted[rows]
-        return replace(source, motion=Motion(velocities, yaw_rates, is_predicted))
+        is_predicted[at], moving[at] = found.is_predicted[rows], found.tracks.moving[rows]
+        return replace(source, motion=Motion(velocities, yaw_rates, is_predicted, moving))
 
     def _boxes(self, message: RawMessage, limits: RecordingLimits) -> Boxes2D:
         found = decode_detections2d(message, ObjectClasses(self._class_ids), limits=limits)

@@ -255,7 +255,8 @@ class ReportCollector:
         speeds = np.hypot(motion.velocities[:, 0], motion.velocities[:, 1])
         rows = np.flatnonzero(source.track_ids > NO_TRACK)
         numbers = source.track_ids[rows]
-        self.users.add_objects(frame.stamp_ns, boxes.class_ids[rows], boxes.centers[rows], numbers, speeds[rows])
+        seen = boxes.select(rows)
+        self.users.add_objects(frame.stamp_ns, seen.class_ids, seen.centers, numbers, speeds[rows], motion.moving[rows])
         self.courses.add_frame(time_s, numbers, xy[rows], speeds[rows])
 
     def _travel(self, time_s: float, xy: F64) -> None:

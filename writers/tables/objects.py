@@ -71,6 +71,7 @@ class Objects(CheckedTable):
         existence: (N,) float64 in [0, 1], probability that the track is an object of its class.
         ages_s: (N,) float64, since the track was first seen.
         fronts_known: (N,) bool, whether its motion has shown which end is its front.
+        moving: (N,) bool, whether it moves: at 0.3 m/s or more, and beyond the uncertainty of its velocity.
     """
 
     ROWS: ClassVar = {"centers": (3,), "sizes": (3,), "covariances": (3, 3), "velocities": (2,)}
@@ -97,6 +98,7 @@ class Objects(CheckedTable):
     existence: F64
     ages_s: F64
     fronts_known: Bools
+    moving: Bools
 
     @classmethod
     def empty(cls, rig: Rig, class_names: tuple[str, ...]) -> Self:
@@ -132,6 +134,7 @@ class Objects(CheckedTable):
             existence=tracks.existence + unknown,
             ages_s=tracks.ages_s + unknown,
             fronts_known=tracks.fronts_known,
+            moving=tracks.moving,
         )
 
     @overload

@@ -9,7 +9,8 @@ from markupsafe import Markup
 from lidcam.cli.printing.numbers import PER_M_S, number, percent
 from lidcam.pipeline.core.settings.engines import ENGINES
 from lidcam.pipeline.core.text import visible
-from lidcam.pipeline.evaluation.road_users import MIN_MOVING_SPEED_M_S, RoadUserTable
+from lidcam.pipeline.core.tracks import MIN_MOVING_SPEED_M_S
+from lidcam.pipeline.evaluation.road_users import RoadUserTable
 from lidcam.readers.results.result import Result
 from lidcam.run.box_sources import boxes_2d_words
 from lidcam.run.warning import RunWarning
@@ -93,7 +94,8 @@ def counts(seen: ReportCollector, class_names: Sequence[str]) -> PageTable:
             by_place = [int((users.frames[own, column] > 0).sum()) for column in columns]
             shown = [speed_text(float(speed)) for speed in speeds] or [""] * 3
             rows.append([class_name(class_id, name), *counts, *by_place, *shown])
-    notes = [f"Speeds in km/h (m/s), of those that moved, i.e. reached {speed_text(MIN_MOVING_SPEED_M_S)}."]
+    least = speed_text(MIN_MOVING_SPEED_M_S)
+    notes = [f"Speeds in km/h (m/s), of those that moved: {least} or more, beyond the uncertainty."]
     counted = ["number", "moved", "stood", *["brief"] * is_brief]
     head = ["", *counted, *places, "mean speed", f"{FASTER} % below", "fastest"]
     return PageTable(head, rows, notes=notes if rows else ())

@@ -77,7 +77,7 @@ def test_what_makes_a_track_sure(score: float, seen: int, track: int, is_sure: b
     fused = boxes3d([[0, 0, 0, 4, 2, 1.5, 0]], scores=[score])
     frames = []
     for index in range(7):
-        motion = Motion(np.zeros((1, 2)), np.zeros(1), np.array([index >= seen]))
+        motion = Motion(np.zeros((1, 2)), np.zeros(1), np.array([index >= seen]), np.ones(1, np.bool_))
         sources = {
             "lidar": SourceBoxes(lidar, np.full(2, UNKNOWN)),
             "fused": SourceBoxes(fused, np.array([track]), motion),

@@ -29,6 +29,25 @@ def test_a_motion_that_is_not_known_is_no_speed() -> None:
     assert tracks.velocities[1].tolist() == [0.0, 0.0]
 
 
+@pytest.mark.parametrize(
+    ("velocity", "sigmas", "moving"),
+    [
+        ((0.29, 0.0), (0.01, 0.01), False),
+        ((0.3, 0.0), (0.01, 0.01), True),
+        ((11.6, 0.0), (5.45, 0.1), False),  # seen in three frames
+        ((0.0, 1.3), (5.45, 0.4), True),  # the deviation along the motion counts
+        ((3.0, 4.0), (1.7, 1.7), False),
+        ((3.0, 4.0), (1.6, 1.6), True),
+    ],
+)
+def test_what_moves_does_so_beyond_its_uncertainty(
+    velocity: tuple[float, float], sigmas: tuple[float, float], moving: bool
+) -> None:
+    covariances = np.diag(np.square(sigmas))[None].repeat(2, 0)
+    tracks = replace(Tracks.none(2), velocities=np.array([velocity] * 2), velocity_covariances=covariances)
+    assert tracks.without_motion(np.array([False, True])).moving.tolist() == [moving, False]
+
+
 def test_each_object_has_one_track() -> None:
     nothing = Boxes3D.empty(0, "site")
     with pytest.raises(ValueError, match="tracks: expected 0"):

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from tracked_frames import Seen, tracked_frame
 
 from lidcam.pipeline.core.rig import Rig, Zone
-from lidcam.pipeline.evaluation.road_users import MIN_MOVING_SPEED_M_S, RoadUserCount, RoadUsers, RoadUserTally
+from lidcam.pipeline.core.tracks import MIN_MOVING_SPEED_M_S
+from lidcam.pipeline.evaluation.road_users import RoadUserCount, RoadUsers, RoadUserTally
 from lidcam.run.tally import Tally
 
 SQUARE = np.array([[-10.0, 0.0], [10.0, 0.0], [10.0, 10.0], [-10.0, 10.0]])
@@ -105,18 +106,21 @@ def test_a_plain_count_agrees(frames: list[tuple[Seen, ...]]) -> None:
 
 
 def test_speeds_that_are_not_known_are_in_no_mean() -> None:
+    """Of four cars one moved, one was fast by chance at most, of one no speed was known, and one was slow at times."""
     tally = RoadUserTally(CONFIG, ZONED)
-    numbers, centers = np.array([1, 7]), np.zeros((2, 3))
-    for speeds in ([np.nan, np.nan], [4.0, np.nan], [2.0, np.nan]):
-        tally.add_objects(0, np.zeros(2, np.int32), centers, numbers, np.array(speeds))
-    np.testing.assert_array_equal(tally.table.speed_means, [3.0, np.nan])
-    np.testing.assert_array_equal(tally.table.speed_maxima, [4.0, np.nan])
+    numbers, centers = np.array([1, 3, 5, 7]), np.zeros((4, 3))
+    for speeds in ([np.nan, np.nan, np.nan, 0.1], [4.0, 9.0, np.nan, 0.9], [2.0, 9.0, np.nan, 0.9]):
+        moving = np.array([speeds[0] > 3, False, False, False])
+        tally.add_objects(0, np.zeros(4, np.int32), centers, numbers, np.array(speeds), moving)
+    np.testing.assert_array_equal(tally.table.speed_means[:3], [3.0, 9.0, np.nan])
+    np.testing.assert_array_equal(tally.table.speed_maxima, [4.0, 9.0, np.nan, 0.9])
     assert tally.road_users is not None
     (whole,) = (one for one in tally.road_users.counts if not one.zone)
-    assert whole == RoadUserCount("car", "", 2, 1, 0, 3.0, 4.0)
-    assert (tally.table.moved.tolist(), tally.table.stood.tolist()) == ([True, False], [False, False])
+    assert whole == RoadUserCount("car", "", 4, 1, 1, 3.0, 4.0)
+    assert tally.table.moved.tolist() == [True, False, False, False]
+    assert tally.table.stood.tolist() == [False, False, False, True]
     none = RoadUserTally(CONFIG, ZONED)
-    none.add_objects(0, np.zeros(1, np.int32), centers[:1], numbers[:1], np.array([np.nan]))
+    none.add_objects(0, np.zeros(1, np.int32), centers[:1], numbers[:1], np.array([np.nan]), np.zeros(1, np.bool_))
     assert none.road_users is not None
     assert np.isnan(none.road_users.counts[-1].speed_mean_m_s)
 

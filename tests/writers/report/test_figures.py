@@ -18,7 +18,7 @@ NAMES = CONFIG.class_names
 
 def seen_once() -> ReportCollector:
     """One frame of one car, whose speed nobody knows; the first sensor has a message, the second is missing."""
-    unknown = Motion(np.full((1, 2), np.nan), np.full(1, np.nan), np.zeros(1, np.bool_))
+    unknown = Motion(np.full((1, 2), np.nan), np.full(1, np.nan), *np.zeros((2, 1), np.bool_))
     car = SourceBoxes(source_boxes(rows_at([(1.0, 2.0)])).boxes, np.array([4]), unknown)
     seen = ReportCollector(CONFIG, RIG)
     (topic, _), (_, missing), *_ = RIG.sensor_of_topic.items()

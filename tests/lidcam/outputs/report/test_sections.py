@@ -33,7 +33,9 @@ def seen_of(*frames: SourceBoxes) -> ReportCollector:
 
 def tracked(*places: tuple[float, float], numbers: list[int], speed: float = 3.0) -> SourceBoxes:
     boxes = source_boxes([(x, y, 0.75, 4.0, 1.7, 1.5, 0.0) for x, y in places]).boxes
-    motion = Motion(np.full((len(places), 2), speed), np.zeros(len(places)), np.zeros(len(places), np.bool_))
+    count = len(places)
+    flags = np.zeros(count, np.bool_), np.full(count, speed > 0)
+    motion = Motion(np.full((count, 2), speed), np.zeros(count), *flags)
     return SourceBoxes(boxes, np.array(numbers, np.int64), motion)
 
 

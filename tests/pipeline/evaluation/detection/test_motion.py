@@ -29,7 +29,12 @@ def figures(frames: list[EvaluationFrame], config: Config = CONFIG, name: str = 
 def moving(source: SourceBoxes, velocity: Any, yaw_rate: Any = 0.0, predicted: Any = False) -> SourceBoxes:
     """The same boxes, with one motion for all."""
     n = len(source)
-    rows = np.tile(np.array(velocity, np.float64), (n, 1)), np.full(n, float(yaw_rate)), np.full(n, predicted)
+    rows = (
+        np.tile(np.array(velocity, np.float64), (n, 1)),
+        np.full(n, float(yaw_rate)),
+        np.full(n, predicted),
+        np.ones(n, np.bool_),
+    )
     return replace(source, motion=Motion(*rows))
 
 
