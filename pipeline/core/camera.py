@@ -133,32 +133,50 @@ class CameraModel:
         return pixels.reshape(*points.shape[:-1], 2), valid.reshape(points.shape[:-1])
 
     def project_boxes(self, corners_camera: F64) -> F32:
-        """(N, 4) smallest upright rectangles around projected boxes, clipped to the image; NaN for a box outside of it.
+        """(N, 4) smallest upright rectangles around what the image shows of projected boxes; NaN where that is nothing.
 
         Left, top, right, bottom in pixels. Boxes have corners (N, 8, 3) in the order of `geometry.box_corners`, metres
         in the optical frame; those that reach behind the camera are cut at `NEAR_M` first.
         """
-        found = np.full((len(corners_camera), 4), np.nan, np.float32)
-        sizes = np.array([self.width_px, self.height_px], np.float64)
-        ahead = (corners_camera[..., 2] >= NEAR_M).sum(1)
-        for rows, is_cut in ((ahead == 8, False), ((ahead > 0) & (ahead < 8), True)):
-            if not rows.any():
-                continue
-            points, in_front = corners_camera[rows], np.ones(8, np.bool_)
-            if is_cut or not self.is_straight:  # else the corners are outermost
-                points, in_front = edge_samples(points, NEAR_M)
-            pixels, valid = self.project(points)
-            found[rows] = rectangles_around(pixels, valid & in_front, sizes)
-        return found
+        points, is_ahead = edge_samples(corners_camera, NEAR_M)
+        pixels, valid = self.project(points)
+        sizes = np.array([[self.width_px, self.height_px]], np.float64)
+        return rectangles_around(pixels, valid & is_ahead, sizes).astype(np.float32)
 
 
 def rectangles_around(pixels: F64, valid: Bools, image_sizes: F64) -> F64:
-    """(N, 4) upright rectangles around the valid ones of pixels (N, S, 2), clipped to the image; NaN where nothing is.
+    """(N, 4) upright rectangles around what images show of areas without dents; NaN where nothing is.
 
-    `image_sizes` is width and height, (2,) of all or (N, 2) of each.
+    An image shows the corners of an area that lie in it, and of its own border what lies between the lines that cross
+    it: of a car that the border cuts, a roof that would be beside the image counts for nothing.
+
+    Args:
+        pixels: (N, L, S, 2) points along L lines around or within each area.
+        valid: (N, L, S) which of them count.
+        image_sizes: (N, 2) widths and heights of the images, or (1, 2) of all.
     """
-    low = np.where(valid[..., None], pixels, np.inf).min(1, initial=np.inf)
-    high = np.where(valid[..., None], pixels, -np.inf).max(1, initial=-np.inf)
-    found = np.column_stack([np.clip(low, 0, image_sizes), np.clip(high, 0, image_sizes)])
+    is_inside = valid & ((pixels >= 0) & (pixels <= image_sizes[:, None, None])).all(3)
+    inside = np.where(is_inside[..., None], pixels, np.nan)
+    parts = [np.stack([np.fmin.reduce(inside, (1, 2)), np.fmax.reduce(inside, (1, 2))], 1)]
+    for axis in (0, 1):
+        for border in (np.zeros(1), image_sizes[:, axis]):
+            parts.append(_between_crossings(pixels, valid, axis, border, image_sizes[:, 1 - axis]))
+    shown = np.concatenate(parts, 1)
+    found = np.concatenate([np.fmin.reduce(shown, 1), np.fmax.reduce(shown, 1)], 1)
     is_seen = (found[:, 2] > found[:, 0]) & (found[:, 3] > found[:, 1])
     return np.where(is_seen[:, None], found, np.nan)
+
+
+def _between_crossings(pixels: F64, valid: Bools, axis: int, border: F64, length: F64) -> F64:
+    """(N, 2, 2) ends of the part of a border that lies in an area; NaN of none. See `rectangles_around`.
+
+    The border is where the coordinate `axis` is `border`, and the other one is between 0 and `length`; (N,) or (1,).
+    """
+    beyond, place = pixels[..., axis] - border[:, None, None], pixels[..., 1 - axis]
+    crosses = valid[..., :-1] & valid[..., 1:] & ((beyond[..., :-1] < 0) != (beyond[..., 1:] < 0))
+    share = beyond[..., :-1] / np.where(crosses, -np.diff(beyond), 1.0)
+    crossings = np.where(crosses, place[..., :-1] + share * np.diff(place), np.nan)
+    first, last = np.fmin.reduce(crossings, (1, 2)).clip(0), np.fmax.reduce(crossings, (1, 2)).clip(None, length)
+    ends = np.full((len(pixels), 2, 2), np.nan)
+    ends[..., axis], ends[..., 1 - axis] = border[:, None], np.stack([first, last], 1)
+    return np.where((first < last)[:, None, None], ends, np.nan)

@@ -12,11 +12,11 @@ EDGE_SHARES = np.linspace(0.0, 1.0, 5)
 
 
 def edge_samples(corners_camera: F64, near_m: float) -> tuple[F64, Bools]:
-    """Points (N, 12 S, 3) along the 12 edges of `edges_ahead`, and whether anything is left of the edge of each."""
+    """Points (N, 12, S, 3) along the 12 edges of `edges_ahead`, and whether anything is left of the edge of each."""
     start, end, is_ahead = edges_ahead(corners_camera, near_m)
     shares = EDGE_SHARES[:, None]
     samples = start[:, :, None] * (1 - shares) + end[:, :, None] * shares
-    return samples.reshape(len(samples), -1, 3), np.repeat(is_ahead, len(shares), axis=1)
+    return samples, np.repeat(is_ahead[..., None], len(shares), axis=2)
 
 
 def edges_ahead(corners_camera: F64, near_m: float) -> tuple[F64, F64, Bools]:

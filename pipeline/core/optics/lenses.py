@@ -93,5 +93,7 @@ class Lenses(CheckedTable):
         `image_sizes` (P, 2) are width and height of the images, pixels.
         """
         samples, is_ahead = edge_samples(corners_camera, NEAR_M)
-        pixels, valid = self.project(samples)
-        return rectangles_around(pixels, valid & is_ahead, image_sizes)
+        pixels, valid = self.project(samples.reshape(len(samples), -1, 3))
+        return rectangles_around(
+            pixels.reshape(*samples.shape[:3], 2), valid.reshape(is_ahead.shape) & is_ahead, image_sizes
+        )

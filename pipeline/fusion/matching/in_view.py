@@ -37,9 +37,9 @@ class InView(Table):
 
     cameras: I64  # (P,) int64 number of the camera
     rows: I64  # (P,) int64 row of the box
-    xyxy: F32  # (P, 4) float32 left, top, right, bottom in pixels, clipped to the image
-    # (P, 4, 3) float64, derivatives of these edges by x, y (metres) and yaw (radians) of the box; zero where an edge is
-    # the border of the image, or the box reaches behind the camera
+    xyxy: F32  # (P, 4) float32 left, top, right, bottom of what the image shows, pixels
+    # (P, 4, 3) float64, derivatives of the edges of the whole box by its x, y (metres) and yaw (radians); zero where an
+    # edge is the border of the image, or the box reaches behind the camera
     jacobian: F64
     ranges_m: F64  # (P,) float64 distance of the box's centre from the camera
 
@@ -70,13 +70,12 @@ def project_into_views(boxes: Boxes3D, views: Sequence[CameraSensor], arrays: Ca
     placed = boxes.centers.take(rows, 0), boxes.sizes.take(rows, 0), boxes.yaws.take(rows)
     outline = cuboid_outline(bent=bool(arrays.lenses.bent[cameras].any()))
     edges = project_edges(*placed, arrays, outline, rows=cameras)
-    xyxy = edges.xyxy.clip(0.0, arrays.limits[cameras])
-    moves = (xyxy == edges.xyxy) & edges.valid[:, None]
-    jacobian = edges.jacobian[..., :3] * moves[..., None]
-    cut = np.flatnonzero(~edges.valid)
-    if len(cut):  # boxes beside the camera: cut edges, without derivatives
-        jacobian[cut] = 0.0
+    xyxy, limits = edges.xyxy.copy(), arrays.limits[cameras]
+    cut = np.flatnonzero(~edges.valid | ((xyxy < 0.0) | (xyxy > limits)).any(1))
+    if len(cut):  # by the border, or beside the camera
         xyxy[cut] = _cut_rectangles(box_corners(*(array[cut] for array in placed)), arrays.select(cameras[cut]))
+    moves = (xyxy > 0.0) & (xyxy < limits) & edges.valid[:, None]
+    jacobian = edges.jacobian[..., :3] * moves[..., None]
     ranges_m = np.sqrt((centers_camera[cameras, rows] ** 2).sum(1))
     seen = InView(cameras, rows, xyxy.astype(np.float32), jacobian, ranges_m)
     shown = (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1])

@@ -107,21 +107,13 @@ def boxes(rng: np.random.Generator, n: int, *, nearest_m: float) -> F64:
 
 
 @lenses
-def test_boxes_hold_all_that_the_image_shows_and_no_more_where_all_is_shown(lens: CameraModel) -> None:
+def test_rectangles_hold_what_the_image_shows_and_no_more(lens: CameraModel) -> None:
     corners = boxes(np.random.default_rng(3), 80, nearest_m=4.0)
-    found = lens.project_boxes(corners)
     judged = [dense_bounds(lens, box) for box in corners]
-    assert sum(bounds is None for bounds in judged) > 2
-    whole = 0
-    for rectangle, bounds in zip(found, judged, strict=True):
-        if bounds is None:
-            continue
-        slack = (rectangle - bounds) * [1, 1, -1, -1]
-        assert (slack <= 1.0).all()
-        if (rectangle[:2] > 0).all() and (rectangle[2:] < [640, 480]).all():
-            np.testing.assert_allclose(rectangle, bounds, atol=1.0)
-            whole += 1
-    assert whole > 10
+    shown = [row for row, bounds in enumerate(judged) if bounds is not None]
+    assert 50 < len(shown) < 78
+    slack = (lens.project_boxes(corners)[shown] - [judged[row] for row in shown]) * [1, 1, -1, -1]
+    assert ((slack > -4.0) & (slack <= 1.0)).all()  # the judge has points 1.6 % of a side apart
 
 
 def test_a_box_that_leaves_the_image_is_clipped_to_it() -> None:
@@ -138,7 +130,9 @@ def test_a_box_around_the_camera_fills_the_image() -> None:
 def test_a_box_that_reaches_behind_the_camera_is_cut_at_its_plane() -> None:
     # a lorry beside us, 2 m to the right, from 5 m behind to 10 m ahead: only its front edge is inside the image
     corners = box_corners(np.array([[2.5, -3.0, 0]]), np.array([[15.0, 2, 2]]), np.zeros(1)) @ OPTICAL.T
-    np.testing.assert_allclose(camera().project_boxes(corners)[0], [333.5 + 520 * 2 / 10, 0, 640, 480], atol=1e-3)
+    half_height = 510 * (640 - 333.5) / (520 * 2)  # at the border of the image
+    expected = [333.5 + 520 * 2 / 10, 251.5 - half_height, 640, 251.5 + half_height]
+    np.testing.assert_allclose(camera().project_boxes(corners)[0], expected, atol=1e-3)
 
 
 @pytest.mark.parametrize(
