@@ -30,7 +30,10 @@ class Reshape:
         self._refit = Refitter(fitter, config.cluster, classes)
 
     def __call__(self, combined: CombinedCloud, hypotheses: Hypotheses, lidar: Boxes3D) -> Hypotheses:
-        """The same hypotheses; boxes of another class than by the lidars are fitted again, see `Refitter`.
+        """The same hypotheses; boxes of another class than by the lidars are fitted again.
+
+        Where that fails, as the points are more than an object of that class has (see `Refitter`), they keep the class
+        by the lidars.
 
         Args:
             combined: The cloud of the boxes.
@@ -41,5 +44,7 @@ class Reshape:
         rows = np.flatnonzero(boxes.class_ids[: hypotheses.lidar_count] != lidar.class_ids)
         if not self._is_on or not len(rows):
             return hypotheses
-        boxes, _ = self._refit(combined, boxes, rows)
-        return replace(hypotheses, boxes=boxes)
+        boxes, fitted = self._refit(combined, boxes, rows)
+        class_ids, failed = boxes.class_ids.copy(), np.setdiff1d(rows, fitted)
+        class_ids[failed] = lidar.class_ids[failed]
+        return replace(hypotheses, boxes=replace(boxes, class_ids=class_ids))
