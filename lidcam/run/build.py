@@ -6,6 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lidcam.pipeline.core.association import class_agreement
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.detections import Boxes2D, Boxes3D, Detections, Hypotheses, Matches
@@ -14,7 +16,7 @@ from lidcam.pipeline.core.messages import Drop
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
-from lidcam.pipeline.detectors.cluster.kinds import knows
+from lidcam.pipeline.detectors.cluster.kinds import groups_of, knows
 from lidcam.pipeline.detectors.given import LIDCAMS_OWN, GivenDetectors
 from lidcam.pipeline.fusion.belief.visibility import find_visibility
 from lidcam.pipeline.fusion.cameras.placing import Placed
@@ -70,8 +72,10 @@ def build_graph(
     associate_all = partial(_hypotheses, associate)
     hypotheses = graph.add_stage("associate all", associate_all, lidar, matches, proposed, boxes2d, views)
     # Class, position and existence.
-    tells_class = config.detect3d.scores_are_probabilities
-    classify = Classify(config.classes, riders, scores_are_probabilities=tells_class)
+    detect3d, own = config.detect3d, np.arange(len(config.classes))
+    groups = groups_of(config.classes) if detect3d.is_learned or detect3d.engine == "combined" else own
+    tells_class = detect3d.scores_are_probabilities
+    classify = Classify(config.classes, riders, score_groups=groups if tells_class else None)
     hypotheses = graph.add_stage("classify", classify, hypotheses, boxes2d)
     reshape = Reshape(fitter, config.detect3d, config.classes)
     hypotheses = graph.add_stage("reshape", reshape, combined, hypotheses, lidar)

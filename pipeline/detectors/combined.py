@@ -20,7 +20,7 @@ from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.boxes import likely_boxes
 from lidcam.pipeline.detectors.cluster.detector import ClusterDetector
-from lidcam.pipeline.detectors.cluster.kinds import KINDS, kinds_of, knows
+from lidcam.pipeline.detectors.cluster.kinds import KINDS, groups_of, kinds_of, knows
 from lidcam.pipeline.detectors.cluster.learned import LearnedScores
 from lidcam.pipeline.detectors.log_odds import logit, sigmoid
 from lidcam.pipeline.detectors.pillars.detector import FittedPillarDetector
@@ -76,7 +76,7 @@ class CombinedDetector:
         self._learned = LearnedScores(rig, config) if is_known else None
         self._kinds = kinds_of(config.classes).argmax(1) if is_known else np.zeros(len(config.classes), np.int64)
         # Classes of one kind may stand for each other: a truck of clusters is a bus of the network.
-        self._groups = np.where(self._kinds == UNKNOWN, len(KINDS) + np.arange(len(self._kinds)), self._kinds)
+        self._groups = groups_of(config.classes)
         self._clusters, self._fitted = ClusterDetector(rig, config), FittedPillarDetector(rig, config)
         self._network = self._fitted.network
         # Simulated people are more alike than real ones, so a network that saw no others makes none probable.

@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, Bools, Indices
+from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Indices
 from lidcam.pipeline.core.association import class_distances
 from lidcam.pipeline.core.detections import Boxes2D, Hypotheses
 from lidcam.pipeline.core.settings.classes import ClassPrior
@@ -56,21 +56,22 @@ class Classify:
         classes: Sequence[ClassPrior],
         riders: frozenset[tuple[int, int]] = frozenset(),
         *,
-        scores_are_probabilities: bool = False,
+        score_groups: I64 | None = None,
     ) -> None:
         """Classify into these classes.
 
         Args:
             classes: All classes.
             riders: `Detect2D.riders`.
-            scores_are_probabilities: Whether the scores of the lidars' boxes are those of their class.
+            score_groups: (K,) number of a group for each class: those that the lidars' scores do not tell apart share
+                one. None: the scores are no probabilities.
         """
-        self._priors, self._scores_tell = tuple(classes), scores_are_probabilities
+        self._priors, self._score_groups = tuple(classes), score_groups
         self._taken_for = confusion(classes)
         # A rider whose bicycle the detector overlooks is a person to it.
         self._ridden_for = self._taken_for.copy()
         for ridden, person in riders:
-            share = RIDER_AS_PERSON if scores_are_probabilities else 1.0
+            share = 1.0 if score_groups is None else RIDER_AS_PERSON
             self._ridden_for[ridden, person] = share * self._taken_for[person, person]
 
     def __call__(self, hypotheses: Hypotheses, boxes2d: Mapping[str, Boxes2D]) -> Hypotheses:
@@ -89,8 +90,9 @@ class Classify:
             return hypotheses
         odds = class_log_odds(boxes.sizes, boxes.class_ids, self._priors)
         own = np.arange(hypotheses.lidar_count)
-        if self._scores_tell:
-            odds[own, boxes.class_ids[own]] += logit(boxes.scores[own].astype(np.float64)).clip(0.0, MAX_SCORE_LOG_ODDS)
+        if (groups := self._score_groups) is not None:
+            by_score = logit(boxes.scores[own].astype(np.float64)).clip(0.0, MAX_SCORE_LOG_ODDS)
+            odds[own] += by_score[:, None] * (groups == groups[boxes.class_ids[own], None])
         rows = np.concatenate([rows for (rows, _), _ in seen])
         named = np.concatenate([found.class_ids[rows2d] for (_, rows2d), found in seen])
         scores = np.concatenate([found.scores[rows2d] for (_, rows2d), found in seen]).astype(np.float64)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import Bools
+from lidcam.pipeline.core.arrays import I64, Bools
 from lidcam.pipeline.core.errors import ConfigError
 from lidcam.pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 
@@ -45,6 +45,11 @@ def knows(classes: Sequence[ClassPrior]) -> bool:
     except ConfigError:
         return False
     return True
+
+
+def groups_of(classes: Sequence[ClassPrior]) -> I64:
+    """(C,) number of a group for each class: those of one of `KINDS` share one, as scores do not tell them apart."""
+    return kinds_of(classes).argmax(1) if knows(classes) else len(KINDS) + np.arange(len(classes))
 
 
 def _is_of_size(prior: ClassPrior, other: ClassPrior) -> bool:

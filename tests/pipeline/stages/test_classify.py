@@ -34,7 +34,7 @@ def classified(
     boxes = replace(boxes, scores=np.full(1, 0.5 if score is None else score, np.float32))
     found = {f"cam{i}": seen(*vote) for i, vote in enumerate(votes)}
     given = Hypotheses(boxes, {name: matches([(0, 0)], np.zeros((1, 4))) for name in found}, int(by_lidar))
-    classify = Classify(ROAD_CLASSES, riders, scores_are_probabilities=score is not None)
+    classify = Classify(ROAD_CLASSES, riders, score_groups=None if score is None else np.array([0, 1, 2, 3, 3]))
     return int(classify(given, found).boxes.class_ids[0])
 
 
@@ -72,6 +72,11 @@ def test_a_person_on_what_the_lidars_take_for_a_bicycle_rides_it_if_the_network_
 def test_the_lidars_score_decides_whether_a_person_rides(score: float, own: int, class_id: int) -> None:
     riders, votes = frozenset({(BICYCLE, PEDESTRIAN)}), [(0.92, PEDESTRIAN)]
     assert classified(SIZES[own], own, votes, riders=riders, score=score) == class_id
+
+
+def test_the_lidars_score_of_a_large_vehicle_makes_it_neither_truck_nor_bus() -> None:
+    assert classified((6.8, 2.3, 2.8), TRUCK, [(0.86, BUS), (0.81, BUS)], score=0.78) == BUS
+    assert classified((6.8, 2.3, 2.8), TRUCK, [(0.86, CAR)], score=0.78) == TRUCK
 
 
 def test_no_boxes() -> None:
