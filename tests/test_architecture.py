@@ -64,7 +64,7 @@ MAX_LINES = {
     "pipeline": (170, 160),
     "pipeline/calibration": (1020, 490),
     "pipeline/core": (4490, 2380),
-    "pipeline/detectors": (3790, 2780),
+    "pipeline/detectors": (3780, 2780),
     "pipeline/evaluation": (3880, 2040),
     "pipeline/filters": (420, 580),
     "pipeline/fusion": (2870, 1660),
