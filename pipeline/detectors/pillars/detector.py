@@ -44,8 +44,7 @@ and more, the network's lengths are off by 0.22 m, and the fitted ones by 0.37 m
 m."""
 
 WIDTH_WEIGHT = 0.7
-"""Weight of the network's width of a car: the best of 3,965 boxes of cars in drawn worlds and KITTI drive 0009, whatever
-their number of points."""
+"""Weight of the network's width of a car: the best of 3,965 boxes of cars in drawn worlds and KITTI drive 0009."""
 
 VEHICLE_VARIANCE = 0.2
 """Variance of the position of a vehicle with many points, as a share of the one stated for its class."""
