@@ -15,8 +15,8 @@ class ClassPrior(SettingsModel):
         name: Class name in the results.
         size_m: Typical length, width, height, metres.
         max_size_m: Largest length, width, height; a larger box is not of this class.
-        kinds_m: Typical length, width, height of other kinds of the class that are far from `size_m`, as vans are among
-            trucks. Their largest size is in proportion to it as `max_size_m` is to `size_m`.
+        kinds_m: Typical length, width, height of other kinds of the class that are far from `size_m`, as vans and
+            semi-trailers are among trucks. Their largest size is in proportion to it as `max_size_m` is to `size_m`.
         frequency: How common the class is, relative to the others; decides between classes that fit equally well.
         labels: Names that detectors use for it, in small or capital letters: by default those of COCO, KITTI and
             nuScenes, but for what is of no class, as KITTI's Tram and Misc. Also numbers, for recorded boxes that have
@@ -82,7 +82,7 @@ ROAD_CLASSES = (
         name="truck",
         size_m=(8.0, 2.5, 3.2),
         max_size_m=(16.0, 3.2, 4.2),
-        kinds_m=((5.5, 2.0, 2.4),),
+        kinds_m=((5.5, 2.0, 2.4), (13.5, 2.55, 3.6)),
         frequency=0.2,
         labels=(
             "truck", "van", "4", "5", "trailer", "construction_vehicle", "vehicle.truck", "vehicle.trailer",

@@ -52,6 +52,7 @@ def classified(
         pytest.param(SIZES[BICYCLE], BICYCLE, [(0.8, PEDESTRIAN)], PEDESTRIAN, id="no rider"),
         pytest.param(SIZES[TRUCK], TRUCK, [(0.9, BUS)], BUS, id="what looks alike goes by the camera"),
         pytest.param((9.0, 2.6, 3.3), TRUCK, [(0.9, CAR)], TRUCK, id="what is too large for a car is none"),
+        pytest.param((15.0, 2.55, 3.4), BUS, [(0.45, TRUCK)], TRUCK, id="a semi-trailer is a truck"),
         pytest.param(SIZES[CAR], CAR, [(0.0, PEDESTRIAN)], CAR, id="a vote of no score"),
     ],
 )
