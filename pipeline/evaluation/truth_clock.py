@@ -4,6 +4,7 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I32, I64
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.core.tracks import MIN_MOVING_SPEED_M_S
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Figures, in_order
 from lidcam.pipeline.evaluation.true_motion import ground_poses, true_velocities
 
@@ -12,9 +13,6 @@ OFFSETS_S = np.arange(-50, 51) / 20
 
 MIN_OFFSET_S, MIN_MOVING, MIN_SHARE, MIN_GAIN = 0.1, 20, 0.3, 1.2
 """Minimum offset that is told, number of moving objects in all frames, score for each, and score over that without."""
-
-MIN_SPEED_M_S = 0.3
-"""Minimum speed of a true object that counts as moving."""
 
 REACH = 0.25
 """Distance at which a detection scores nothing, in lengths of the true object; it scores 1 at the object's centre."""
@@ -52,7 +50,7 @@ class TruthClock:
         frames = np.repeat(np.arange(len(self._truth), dtype=np.int32), [len(classes) for classes, *_ in self._truth])
         classes, tracks, poses, lengths_m = map(np.concatenate, zip(*self._truth, strict=True))
         velocities = true_velocities(frames, np.array(self._stamps_ns, np.int64), classes, tracks, poses)[:, :2]
-        rows = np.flatnonzero(np.hypot(*velocities.T) > MIN_SPEED_M_S)
+        rows = np.flatnonzero(np.hypot(*velocities.T) >= MIN_MOVING_SPEED_M_S)
         score = np.zeros(len(OFFSETS_S))
         for row in rows.tolist():
             places = poses[row, :2] + OFFSETS_S[:, None] * velocities[row]
