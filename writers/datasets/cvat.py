@@ -4,7 +4,6 @@ Clouds are in the site frame, which is level, so that boxes turn about z alone.
 """
 
 import json
-from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F32
-from lidcam.writers.datasets.frame import DatasetFrame, DatasetScene, write_image
+from lidcam.writers.datasets.frame import DatasetFrame, DatasetScene, DatasetWriter, write_image
 
 POINT_CLOUD_MEDIA = 6
 """Datumaro's number of a data set of clouds."""
@@ -21,21 +20,18 @@ IN_TRACK = {"keyframe": True, "outside": False, "occluded": False}
 """Attributes of a box of a track."""
 
 
-class CvatWriter:
+class CvatWriter(DatasetWriter):
     """Writes `pointcloud/`, `related_images/`, `labels.json` and `annotations/default.json`.
 
     Boxes are the truth where there is one, else what lidcam found. Those of a track and one class become a track
     with a key frame in each frame: what CVAT takes for a track has these attributes.
-
-    Args:
-        folder: The new folder.
     """
 
     names: Mapping[str, str] = {}
 
-    def __init__(self, folder: Path, _camera: str = "") -> None:
-        self.written, self.left_out, self.remarks = Counter[str](), Counter[str](), list[str]()
-        self._folder, self._items, self._labels = folder, list[Any](), list[str]()
+    def __init__(self, folder: Path, camera: str = "") -> None:
+        super().__init__(folder, camera)
+        self._items, self._labels = list[Any](), list[str]()
         self._tracks = dict[tuple[str, int, str], int]()
         self._scene: DatasetScene
 
@@ -50,9 +46,9 @@ class CvatWriter:
             return
         name, T = f"{self._scene.name}_{frame.index:06d}", self._scene.T_site_cloud
         points = np.column_stack([frame.cloud.xyz @ T[:3, :3].T + T[:3, 3], frame.cloud.intensity])
-        self._path("pointcloud", f"{name}.pcd").write_bytes(pcd(points.astype(np.float32)))
+        self._file("pointcloud", f"{name}.pcd").write_bytes(pcd(points.astype(np.float32)))
         for camera, image in frame.images.items():
-            write_image(self._path("related_images", f"{name}_pcd", f"{camera}.jpg"), image.rgb)
+            write_image(self._file("related_images", f"{name}_pcd", f"{camera}.jpg"), image.rgb)
         boxes = self._boxes(frame)
         media = {"point_cloud": {"path": f"{name}.pcd"}}
         self._items.append({"id": name, "annotations": boxes, "attr": {"frame": len(self._items)}} | media)
@@ -68,14 +64,9 @@ class CvatWriter:
             "categories": {"label": {"labels": labels, "label_groups": [], "attributes": []}},
             "items": self._items,
         }
-        self._path("annotations", "default.json").write_text(json.dumps(whole, allow_nan=False))
+        self._file("annotations", "default.json").write_text(json.dumps(whole, allow_nan=False))
         of_task = [{"name": name, "attributes": []} for name in self._labels]
-        self._path("labels.json").write_text(json.dumps(of_task))
-
-    def _path(self, *parts: str) -> Path:
-        path = self._folder.joinpath(*parts)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path
+        self._file("labels.json").write_text(json.dumps(of_task))
 
     def _boxes(self, frame: DatasetFrame) -> list[dict[str, Any]]:
         boxes = frame.objects if frame.truth is None else frame.truth

@@ -1,10 +1,11 @@
 """Parts of a data set: scenes of frames with a cloud, images and boxes; and the interface of its writers."""
 
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -68,14 +69,32 @@ class DatasetFrame:
     truth: DatasetBoxes | None  # The true objects; None if they are not known
 
 
-class DatasetWriter(Protocol):
-    """Writes scenes into a folder."""
+class FolderWriter:
+    """Writes a data set into a new folder, of one camera if one is wanted.
+
+    Attributes:
+        written: How many `frames`, `images` and `boxes` were written; boxes are those of the labels.
+        left_out: How many frames, images and boxes could not be written, by reason.
+        remarks: What the user should know, a line each.
+    """
+
+    def __init__(self, folder: Path, camera: str = "") -> None:
+        self.written, self.left_out, self.remarks = Counter[str](), Counter[str](), list[str]()
+        self._folder, self._wanted = folder, camera
+
+    def _file(self, *parts: str) -> Path:
+        """A file below the folder; the folders between are made."""
+        path = self._folder.joinpath(*parts)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+
+class DatasetWriter(FolderWriter, ABC):
+    """Writes scenes."""
 
     names: Mapping[str, str]  # Name of a class in this format, by words for it in lower case; empty: as in the settings
-    written: Counter[str]  # How many `frames`, `images` and `boxes` were written; boxes are those of the labels
-    left_out: Counter[str]  # How many objects and frames could not be written, by reason
-    remarks: list[str]  # What the user should know, a line each
 
+    @abstractmethod
     def begin(self, scene: DatasetScene) -> None:
         """Begin a scene, when the one before has ended.
 
@@ -83,9 +102,11 @@ class DatasetWriter(Protocol):
             OutputError: the format cannot have it.
         """
 
+    @abstractmethod
     def add_frame(self, frame: DatasetFrame) -> None:
         """Write the next frame of the scene."""
 
+    @abstractmethod
     def finish(self) -> None:
         """Write what stands behind all scenes."""
 

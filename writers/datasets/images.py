@@ -6,7 +6,6 @@ pixel in both formats, as in lidcam.
 
 import json
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 import yaml
 
 from lidcam.pipeline.core.arrays import F32, I64, CheckedTable, Names
+from lidcam.writers.datasets.frame import FolderWriter
 
 VAL_SHARE = 0.2
 """Share of each recording's frames, at its end, that is for validation: images side by side are too alike to be shared
@@ -65,22 +65,12 @@ class LabelledFrame:
     images: tuple[LabelledImage, ...]  # Those of its cameras
 
 
-class ImageWriter(ABC):
-    """Writes labelled images into a folder: a `DatasetWriter` of them.
+class ImageWriter(FolderWriter, ABC):
+    """Writes labelled images."""
 
-    Args:
-        folder: The new folder.
-
-    Attributes:
-        written: How many `frames`, `images` and `boxes` were written; boxes are those of the labels.
-        left_out: How many images and boxes could not be written, by reason.
-        remarks: What the user should know, a line each.
-    """
-
-    def __init__(self, folder: Path, _camera: str = "") -> None:
-        self.written, self.left_out, self.remarks = Counter[str](), Counter[str](), list[str]()
-        self._folder, self._numbers = folder, dict[str, int]()
-        self._scenes, self._tracks = 0, dict[tuple[int, int], int]()
+    def __init__(self, folder: Path, camera: str = "") -> None:
+        super().__init__(folder, camera)
+        self._numbers, self._scenes, self._tracks = dict[str, int](), 0, dict[tuple[int, int], int]()
 
     def begin(self, class_names: Sequence[str]) -> None:
         """Begin a result, whose classes are these; they are numbered in the order in which results name them."""
@@ -104,9 +94,8 @@ class ImageWriter(ABC):
         """Write an image and its boxes."""
 
     def _write(self, path: str, data: bytes, *, is_new: bool = False) -> None:
-        (self._folder / path).parent.mkdir(parents=True, exist_ok=True)
         # Two cameras or results may give two images one name.
-        with (self._folder / path).open("xb" if is_new else "wb") as file:
+        with self._file(path).open("xb" if is_new else "wb") as file:
             file.write(data)
 
 

@@ -5,7 +5,6 @@ that frame is level here (`R0_rect`), and the projection `P0` to `P3` has the ti
 level, it is its camera matrix as always.
 """
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.geometry.boxes import box_corners, wrap_angle
 from lidcam.pipeline.core.geometry.rotations import pose_matrix
 from lidcam.pipeline.core.rig import CameraSensor
-from lidcam.writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetScene, pinhole, write_image
+from lidcam.writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetScene, DatasetWriter, pinhole, write_image
 
 KITTI_NAMES: Mapping[str, str] = {
     "car": "Car",
@@ -57,14 +56,11 @@ def level_rectification(camera: CameraSensor) -> F64:
     return np.asarray(R_rect_site @ R_site_camera, np.float64)
 
 
-class KittiWriter:
+class KittiWriter(DatasetWriter):
     """Writes the object benchmark: `training/` with a file per frame, and `results/lidcam/data/` for its evaluation.
 
     `label_2` has the truth where there is one, else the objects; the results always have the objects, with scores.
-
-    Args:
-        folder: The new folder.
-        camera: Name of the camera that is `image_2`; empty: the first that has images.
+    `image_2` is the wanted camera, else the first that has images.
     """
 
     is_tracking = False
@@ -73,8 +69,7 @@ class KittiWriter:
     image_folder, label_folder = "training/image_2", "training/label_2"
 
     def __init__(self, folder: Path, camera: str = "") -> None:
-        self.written, self.left_out, self.remarks = Counter[str](), Counter[str](), list[str]()
-        self._folder, self._wanted = folder, camera
+        super().__init__(folder, camera)
         self._sequence, self._count = "", 0
         self._lengths: list[int] = []  # of the sequences
         self._true_tracks: dict[int, int] = {}
@@ -119,9 +114,9 @@ class KittiWriter:
         if (width, height) != (self._model.width_px, self._model.height_px):
             self.left_out[f"frames whose image of {self._camera.name} has another size than its calibration"] += 1
             return
-        write_image(self._file(self.image_folder, "png"), image.rgb)
+        write_image(self._frame_file(self.image_folder, "png"), image.rgb)
         points = np.column_stack([frame.cloud.xyz, frame.cloud.intensity])
-        self._file("training/velodyne", "bin").write_bytes(points.astype("<f4").tobytes())
+        self._frame_file("training/velodyne", "bin").write_bytes(points.astype("<f4").tobytes())
         if not self.is_tracking:
             self._text_file("training/calib").write_text(self._calibration())
         self._write_labels(frame)
@@ -135,18 +130,13 @@ class KittiWriter:
             lines = [f"{number:04d} empty 000000 {length:06d}\n" for number, length in enumerate(self._lengths)]
             (self._folder / "training" / "evaluate_tracking.seqmap.training").write_text("".join(lines))
 
-    def _file(self, folder: str, ending: str) -> Path:
-        """A file of the current frame, in a folder that is made."""
-        return self._made(folder, self._sequence, f"{self._count:06d}.{ending}")
+    def _frame_file(self, folder: str, ending: str) -> Path:
+        """A file of the current frame."""
+        return self._file(folder, self._sequence, f"{self._count:06d}.{ending}")
 
     def _text_file(self, folder: str) -> Path:
         """The text of the current frame, or of its sequence."""
-        return self._made(folder, f"{self._sequence or f'{self._count:06d}'}.txt")
-
-    def _made(self, *parts: str) -> Path:
-        path = self._folder.joinpath(*parts)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path
+        return self._file(folder, f"{self._sequence or f'{self._count:06d}'}.txt")
 
     def _write_labels(self, frame: DatasetFrame) -> None:
         truth = frame.objects if frame.truth is None else self._numbered(frame.truth)

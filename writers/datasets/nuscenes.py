@@ -5,7 +5,6 @@ is the site frame. Tokens are hashes of what they name, so that the same results
 """
 
 import json
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
@@ -18,7 +17,7 @@ from lidcam.pipeline.core.arrays import F64, I32
 from lidcam.pipeline.core.errors import OutputError
 from lidcam.pipeline.core.geometry.boxes import rotations_2d
 from lidcam.pipeline.core.geometry.rotations import pose_matrix, quaternion_of_matrix
-from lidcam.writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetScene, write_image
+from lidcam.writers.datasets.frame import DatasetBoxes, DatasetFrame, DatasetScene, DatasetWriter, write_image
 
 VERSION = "v1.0-lidcam"
 """Name of the folder of tables, which the devkit is given."""
@@ -51,7 +50,7 @@ MAX_BOXES = 500
 Row = dict[str, Any]
 
 
-class NuScenesWriter:
+class NuScenesWriter(DatasetWriter):
     """Writes the tables, `samples/`, and `results.json`: the objects as a submission of detections.
 
     `sample_annotation` has the truth where there is one, else the objects. `splits.json` calls all scenes `lidcam`.
@@ -59,9 +58,8 @@ class NuScenesWriter:
 
     names: Mapping[str, str] = NUSCENES_NAMES
 
-    def __init__(self, folder: Path, camera: str = "") -> None:  # noqa: ARG002  # all cameras are written
-        self.written, self.left_out, self.remarks = Counter[str](), Counter[str](), list[str]()
-        self._folder = folder
+    def __init__(self, folder: Path, camera: str = "") -> None:
+        super().__init__(folder, camera)
         self._tables: dict[str, list[Row]] = {name: [] for name in TABLES}
         self._results: dict[str, list[Row]] = {}
         self._scene: DatasetScene
@@ -71,7 +69,7 @@ class NuScenesWriter:
         self._calibrations: dict[str, str] = {}
         self._lone = 0
         for name, category in CATEGORIES.items():
-            self._put("category", ("category", name), name=category, description="")
+            self._put("category", name, of_scene=False, name=category, description="")
 
     def begin(self, scene: DatasetScene) -> None:
         """See `DatasetWriter`."""
@@ -85,7 +83,7 @@ class NuScenesWriter:
             T_site_camera = camera.T_camera_site.inverse().matrix
             channel = _channel(camera.name)
             self._calibrations[channel] = self._calibrated(channel, "camera", T_site_camera, camera.model.K.tolist())
-        self._put("log", (scene.origin, "log"), logfile=scene.name, vehicle=site, date_captured="", location=scene.name)
+        self._put("log", logfile=scene.name, vehicle=site, date_captured="", location=scene.name)
 
     def add_frame(self, frame: DatasetFrame) -> None:
         """See `DatasetWriter`; a frame without a cloud, or whose place nobody knows, is left out."""
@@ -94,15 +92,9 @@ class NuScenesWriter:
             self.left_out[f"frames without {lacking}"] += 1
             return
         number, cloud = len(self._samples), frame.cloud
-        sample = self._put(
-            "sample",
-            (self._scene.origin, "sample", frame.index),
-            chain="sample",
-            timestamp=frame.stamp_ns // 1000,
-            scene_token=self._token("scene"),
-        )
-        self._samples.append(str(sample["token"]))
-        path = self._file(LIDAR, f"{number:06d}.pcd.bin")
+        times: Row = {"timestamp": frame.stamp_ns // 1000, "scene_token": self._token("scene")}
+        self._samples.append(str(self._put("sample", frame.index, chain="sample", **times)["token"]))
+        path = self._sample_file(LIDAR, f"{number:06d}.pcd.bin")
         points = np.column_stack([cloud.xyz, cloud.intensity * 255, cloud.ring])
         (self._folder / path).write_bytes(points.astype("<f4").tobytes())
         self._put_data(LIDAR, frame.index, path, frame.stamp_ns, frame.T_fixed_site, "pcd", (0, 0))
@@ -111,7 +103,7 @@ class NuScenesWriter:
                 self.left_out["images without a known place of the site frame"] += 1
                 continue
             channel = _channel(name)
-            path = self._file(channel, f"{number:06d}.jpg")
+            path = self._sample_file(channel, f"{number:06d}.jpg")
             write_image(self._folder / path, image.rgb)
             self._put_data(channel, frame.index, path, image.stamp_ns, image.T_fixed_site, "jpg", image.rgb.shape)
             self.written["images"] += 1
@@ -123,24 +115,21 @@ class NuScenesWriter:
     def finish(self) -> None:
         """See `DatasetWriter`."""
         self._end_scene()
-        scenes, tables = self._tables["scene"], self._folder / VERSION
-        tables.mkdir(parents=True)
         logs = [log["token"] for log in self._tables["log"]]
-        self._put("map", ("map",), log_tokens=logs, category="semantic_prior", filename="maps/none.png")
-        (self._folder / "maps").mkdir()
-        cv2.imwrite(str(self._folder / "maps" / "none.png"), np.zeros((1, 1), np.uint8))
-        for name, rows in self._tables.items():
-            _write_json(tables / f"{name}.json", rows)
-        _write_json(tables / "splits.json", {"lidcam": [scene["name"] for scene in scenes]})
+        self._put("map", of_scene=False, log_tokens=logs, category="semantic_prior", filename="maps/none.png")
+        cv2.imwrite(str(self._file("maps/none.png")), np.zeros((1, 1), np.uint8))
+        splits = {"lidcam": [scene["name"] for scene in self._tables["scene"]]}
+        for name, rows in (*self._tables.items(), ("splits", splits)):
+            _write_json(self._file(VERSION, f"{name}.json"), rows)
         used = {"use_camera": True, "use_lidar": True, "use_radar": False, "use_map": False, "use_external": False}
-        _write_json(self._folder / "results.json", {"meta": used, "results": self._results})
+        _write_json(self._file("results.json"), {"meta": used, "results": self._results})
 
-    def _token(self, *what: object) -> str:
-        return _token(self._scene.origin, *what)
+    def _token(self, table: str, *key: object) -> str:
+        return _token(self._scene.origin, table, *key)
 
-    def _put(self, table: str, what: tuple[object, ...], *, chain: str = "", **values: Any) -> Row:
-        """A new row of a table; rows of one chain of the scene point to one another."""
-        row = {"token": _token(*what), **values}
+    def _put(self, table: str, *key: object, of_scene: bool = True, chain: str = "", **values: Any) -> Row:
+        """A new row of a table, with a key in the scene, or in all; rows of a chain of a scene point to one another."""
+        row = {"token": self._token(table, *key) if of_scene else _token(table, *key), **values}
         if chain:
             last = self._last.get(chain)
             row |= {"prev": last["token"] if last else "", "next": ""}
@@ -152,29 +141,24 @@ class NuScenesWriter:
 
     def _calibrated(self, channel: str, modality: str, T_site_sensor: F64, intrinsic: list[list[float]]) -> str:
         if channel not in {sensor["channel"] for sensor in self._tables["sensor"]}:
-            self._put("sensor", ("sensor", channel), channel=channel, modality=modality)
-        row = self._put(
-            "calibrated_sensor",
-            (self._scene.origin, "calibrated_sensor", channel),
-            sensor_token=_token("sensor", channel),
-            **_pose(T_site_sensor),
-            camera_intrinsic=intrinsic,
-        )
-        return str(row["token"])
+            self._put("sensor", channel, of_scene=False, channel=channel, modality=modality)
+        facts: Row = {"sensor_token": _token("sensor", channel), **_pose(T_site_sensor), "camera_intrinsic": intrinsic}
+        return str(self._put("calibrated_sensor", channel, **facts)["token"])
 
-    def _file(self, channel: str, name: str) -> str:
-        folder = Path("samples") / channel
-        (self._folder / folder).mkdir(parents=True, exist_ok=True)
-        return str(folder / f"{self._scene.name}__{channel}__{name}")
+    def _sample_file(self, channel: str, name: str) -> str:
+        """The path in the data set of a file, whose folder is made."""
+        path = self._file("samples", channel, f"{self._scene.name}__{channel}__{name}")
+        return str(path.relative_to(self._folder))
 
     def _put_data(
         self, channel: str, index: int, path: str, stamp_ns: int, T_fixed_site: F64, kind: str, size: Sequence[int]
     ) -> None:
-        origin, stamp_us = self._scene.origin, stamp_ns // 1000
-        pose = self._put("ego_pose", (origin, "ego_pose", channel, index), timestamp=stamp_us, **_pose(T_fixed_site))
+        stamp_us = stamp_ns // 1000
+        pose = self._put("ego_pose", channel, index, timestamp=stamp_us, **_pose(T_fixed_site))
         self._put(
             "sample_data",
-            (origin, "sample_data", channel, index),
+            channel,
+            index,
             chain=channel,
             sample_token=self._token("sample", index),
             ego_pose_token=pose["token"],
@@ -188,7 +172,7 @@ class NuScenesWriter:
         )
 
     def _put_annotations(self, frame: DatasetFrame, boxes: DatasetBoxes, T_fixed_site: F64) -> None:
-        counts, origin = self._points(frame, boxes), self._scene.origin
+        counts = self._points(frame, boxes)
         for row, placed in enumerate(_placed(boxes, T_fixed_site)):
             name, track = str(boxes.names[row]), int(boxes.tracks[row])
             if track < 0:
@@ -200,7 +184,7 @@ class NuScenesWriter:
             if instance is None:
                 instance = self._instances[key] = self._put(
                     "instance",
-                    (origin, "instance", key),
+                    key,
                     category_token=_token("category", name),
                     nbr_annotations=0,
                     first_annotation_token=token,
@@ -208,7 +192,8 @@ class NuScenesWriter:
                 )
             self._put(
                 "sample_annotation",
-                (origin, "sample_annotation", frame.index, row),
+                frame.index,
+                row,
                 chain=instance["token"],
                 sample_token=self._token("sample", frame.index),
                 instance_token=instance["token"],
@@ -256,7 +241,6 @@ class NuScenesWriter:
             scene = self._scene
             self._put(
                 "scene",
-                (scene.origin, "scene"),
                 name=scene.name,
                 description="",
                 log_token=self._token("log"),
