@@ -87,23 +87,14 @@ class Tally:
         self._class_names = config.object_names
         self._rig, self._places = rig, rig.place_names
         self._detectors = frozenset(detector.topic for detector in rig.detectors)
-        self.frames = 0
+        self.frames = self.confirmed = self.frames_without_boxes = self.frames_without_boxes3d = 0
+        self.compensated = self.odometry = self.odometry_predicted = 0
         # Predicted ones are counted where there are any: without tracks there cannot be.
         self.sources = Counter({source.name.lower(): 0 for source in Source if source != Source.PREDICTED})
-        self.confirmed = 0
-        self.frames_without_boxes = 0
-        self.frames_without_boxes3d = 0
-        self.compensated = 0
-        self.odometry = 0
-        self.odometry_predicted = 0
-        self.objects: Counter[tuple[str, str]] = Counter()
-        self.points: Counter[str] = Counter()
-        self.messages: Counter[str] = Counter()
-        self.copied: Counter[str] = Counter()
-        self.unused_boxes: Counter[str] = Counter()
-        self.unused_boxes3d: Counter[str] = Counter()
-        self.boxes_without_object: Counter[str] = Counter()
-        self.objects_left_out: Counter[str] = Counter()
+        self.objects = Counter[tuple[str, str]]()
+        self.points, self.messages, self.copied = Counter[str](), Counter[str](), Counter[str]()
+        self.unused_boxes, self.unused_boxes3d = Counter[str](), Counter[str]()
+        self.boxes_without_object, self.objects_left_out = Counter[str](), Counter[str]()
         self.road_users = RoadUserTally(config, rig)
 
     def add_frame(self, frame: FrameResult) -> None:
@@ -128,8 +119,7 @@ class Tally:
             (self.objects_left_out, frame.fused.left_out),
             (self.unused_boxes3d, frame.unused_boxes3d),
         ):
-            for name, count in found.items():
-                total[name] += count
+            total.update(found)
         self.copied.update(message.topic for message in frame.bundle.copied)
         unused = {(drop.topic, drop.stamp_ns) for drop in frame.drops if not drop.parts}
         self.messages.update(topic for topic, m in frame.bundle.messages.items() if (topic, m.stamp_ns) not in unused)
