@@ -2,6 +2,7 @@
 
 import math
 import os
+from collections import defaultdict
 from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, suppress
@@ -63,6 +64,17 @@ class InputFile(NamedTuple):
         """Plain values, for JSON."""
         facts = {key: value for key, value in self.server if key != "size"}
         return {"path": self.path, "bytes": self.bytes, "sha256": self.sha256, **facts}
+
+
+def recorded_inputs(metadata: Mapping[str, str]) -> list[dict[str, str]]:
+    """The records of the input files in the metadata of a result (`provenance` and `as_read`), in their order."""
+    records = defaultdict[int, dict[str, str]](dict)
+    for key, value in metadata.items():
+        section, _, rest = key.partition(".")
+        row, _, fact = rest.partition(".")
+        if section == "input" and row.isdecimal():
+            records[int(row)][fact] = value
+    return [records[row] for row in sorted(records)]
 
 
 def read_input_file(path: Location) -> InputFile:

@@ -13,7 +13,7 @@ from lidcam.pipeline.evaluation.comparison.comparison import Comparison
 from lidcam.pipeline.evaluation.comparison.differences import Channel
 from lidcam.pipeline.evaluation.comparison.frames import FramePair, paired_frames
 from lidcam.pipeline.evaluation.comparison.object_changes import KINDS
-from lidcam.readers.input_file import InputFile, read_opened_files
+from lidcam.readers.input_file import InputFile, read_opened_files, recorded_inputs
 from lidcam.readers.results.result import Result, open_result
 from lidcam.run.missing import changed_lines, damage_lines
 
@@ -101,11 +101,8 @@ def _comparison(first: Result, second: Result, only: Sequence[str], allowed: Seq
 def _recordings_note(first: Result, second: Result) -> Iterator[str]:
     """A note if the results are of two recordings; only facts that both results hold of theirs are compared."""
     names, checksums, sizes = (
-        [
-            [value for key, value in sorted(result.metadata.items()) if key.startswith("input.") and key.endswith(fact)]
-            for result in (first, second)
-        ]
-        for fact in (".name", ".sha256", ".size")
+        [[one[fact] for one in recorded_inputs(result.metadata) if fact in one] for result in (first, second)]
+        for fact in ("name", "sha256", "size")
     )
     facts = [checksums] if all(checksums) else [names, sizes]
     if any(a and b and a != b for a, b in facts):

@@ -1,7 +1,7 @@
 """A run, read back from its result."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from lidcam.pipeline.core.errors import MessageError, RecordingError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.tracks import NO_TRACK
 from lidcam.pipeline.evaluation.road_users import RoadUserTally
-from lidcam.readers.input_file import InputFile
+from lidcam.readers.input_file import InputFile, recorded_inputs
 from lidcam.readers.messages.deserialize import deserialize_as
 from lidcam.readers.messages.detections import decode_detections3d, track_ids
 from lidcam.readers.messages.objects import decode_tracks
@@ -123,7 +123,7 @@ def _objects(index: int, messages: Mapping[str, RawMessage], result: Result) -> 
 def _summary(result: Result, path: Path, users: RoadUserTally) -> RunSummary:
     summary: Mapping[str, Any] = result.summary
     motion, sync, more = summary["motion"], summary["sync"], summary["losses_more"]
-    files = tuple(_input_files(result.metadata))
+    files = tuple(map(_input_file, recorded_inputs(result.metadata)))
     facts = ("position", "reason", "size", "messages")
     return RunSummary(
         inputs=InputSummary(
@@ -179,21 +179,13 @@ def _summary(result: Result, path: Path, users: RoadUserTally) -> RunSummary:
     )
 
 
-def _input_files(metadata: Mapping[str, str]) -> Iterator[InputFile]:
-    """The files that the run read, in their order."""
-    row = 0
-    while f"input.{row}.name" in metadata:
-        facts = {
-            key.removeprefix(f"input.{row}."): value
-            for key, value in metadata.items()
-            if key.startswith(f"input.{row}.")
-        }
-        name, size = facts["name"], facts.get("size", "")
-        yield InputFile(
-            path=facts.get("url", name),
-            name=name,
-            bytes=int(size) if size.isdecimal() else None,
-            sha256=facts.get("sha256"),
-            is_changed="changed" in facts,
-        )
-        row += 1
+def _input_file(facts: Mapping[str, str]) -> InputFile:
+    """A file that the run read."""
+    name, size = facts["name"], facts.get("size", "")
+    return InputFile(
+        path=facts.get("url", name),
+        name=name,
+        bytes=int(size) if size.isdecimal() else None,
+        sha256=facts.get("sha256"),
+        is_changed="changed" in facts,
+    )

@@ -11,6 +11,7 @@ from lidcam.pipeline.core.settings.engines import ENGINES
 from lidcam.pipeline.core.text import visible
 from lidcam.pipeline.core.tracks import MIN_MOVING_SPEED_M_S
 from lidcam.pipeline.evaluation.road_users import RoadUserTable
+from lidcam.readers.input_file import recorded_inputs
 from lidcam.readers.results.result import Result
 from lidcam.run.box_sources import boxes_2d_words
 from lidcam.run.warning import RunWarning
@@ -186,10 +187,10 @@ def _silences(spans: Sequence[Mapping[str, Any]]) -> str:
 def origin(seen: ReportCollector, result: Result) -> list[PageTable]:
     """Files, sensors with their calibration, and the sources of boxes and motion."""
     summary, metadata, topics = result.summary, result.metadata, result.rig.sensor_of_topic
-    files: list[list[object]] = []
-    while (name := metadata.get(f"input.{len(files)}.name", metadata.get(f"input.{len(files)}.url"))) is not None:
-        size = metadata.get(f"input.{len(files)}.size")
-        files.append([name, f"{int(size) / 1e6:.1f} MB" if size else ""])
+    files = [
+        [one.get("name", ""), f"{int(one['size']) / 1e6:.1f} MB" if one.get("size") else ""]
+        for one in recorded_inputs(metadata)
+    ]
     used = {topic: int(seen.sensors.sums(topic).sum()) for topic in topics}
     calibration = {one["topic"]: one for one in summary.get("calibration", ())}
     sensors = []
@@ -214,10 +215,8 @@ def origin(seen: ReportCollector, result: Result) -> list[PageTable]:
 
 def checksums(metadata: Mapping[str, str], result_name: str, digest: str) -> PageTable:
     """The SHA-256 of the recordings, of what was read beside them, of settings and rig, and of the result."""
-    rows: list[list[str]] = []
-    while (name := metadata.get(f"input.{len(rows)}.name", metadata.get(f"input.{len(rows)}.url"))) is not None:
-        found = metadata.get(f"input.{len(rows)}.sha256", "")
-        rows.append([name, found or "none: only a part was processed, or the file changed meanwhile"])
+    none = "none: only a part was processed, or the file changed meanwhile"
+    rows = [[one.get("name", ""), one.get("sha256") or none] for one in recorded_inputs(metadata)]
     others = {key: text for key, text in metadata.items() if key.endswith(".sha256") and not key.startswith("input.")}
     rows += [*([key.removesuffix(".sha256"), text] for key, text in others.items()), [result_name, digest]]
     return PageTable(["", "SHA-256"], [[name, code(text)] for name, text in rows], (0, 1))
