@@ -74,11 +74,7 @@ class FilmWriter(ResultWriter):
         self._file.mux(self._stream.encode(None))
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
-        """Add one frame.
-
-        Returns:
-            Images that cannot be decoded.
-        """
+        """Add one frame; returns images that cannot be decoded."""
         stamp_ns = result.bundle.stamp_ns
         if self._waiting is not None:
             step_ns = stamp_ns - self._last_ns

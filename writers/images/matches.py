@@ -34,11 +34,7 @@ class MatchesWriter(ResultWriter):
         self._output.part.mkdir()
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
-        """Write the images of one frame.
-
-        Returns:
-            Images that cannot be decoded, which are drawn dark.
-        """
+        """Write the images of one frame; returns those that cannot be decoded, which are drawn dark."""
         scene, bundle = self._scenes.add_frame(result), result.bundle
         drops: list[Drop] = []
         for name, shown in scene.images.items():

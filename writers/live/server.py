@@ -73,11 +73,7 @@ class FoxgloveServer(ResultWriter):
         self._messages.finish()
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
-        """Send one frame, and its time.
-
-        Raises:
-            OutputError: a stamp does not fit a ROS 2 header.
-        """
+        """Send one frame, and its time."""
         drops = self._messages.add_frame(result)
         self._server.broadcast_time(result.bundle.log_time_ns)
         return drops

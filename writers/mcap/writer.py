@@ -82,7 +82,7 @@ class McapResultWriter(ResultWriter):
         config: The settings of the run; `output` selects topics and compression.
         provenance: Written as metadata and attachments.
         layout: File of the layout; None for no layout.
-        frames: T_site_frame of frames that copied messages stand in.
+        frames: As of `ResultMessages`.
     """
 
     name = "mcap"
@@ -119,14 +119,7 @@ class McapResultWriter(ResultWriter):
             self._layout.write_text(foxglove_layout(self._rig, self._messages.survey, self._messages.filled))
 
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
-        """Write one frame.
-
-        Returns:
-            Images that could not be copied because their bytes do not fit their type.
-
-        Raises:
-            OutputError: the file cannot be written, or a stamp does not fit a ROS 2 header.
-        """
+        """Write one frame; returns images whose bytes do not fit their type."""
         with output_errors(self.path):
             return self._messages.add_frame(result)
 
@@ -167,10 +160,7 @@ class ResultMessages:
             self._channels[topic] = sink.add_ros2(topic, msgtype, LATCHED_YAML if topic == "/tf_static" else "")
 
     def add_frame(self, result: FrameResult) -> tuple[Drop, ...]:
-        """Add the messages of one frame.
-
-        Returns:
-            Images that could not be copied because their bytes do not fit their type.
+        """Add the messages of one frame; returns images whose bytes do not fit their type.
 
         Raises:
             OutputError: a stamp does not fit a ROS 2 header.

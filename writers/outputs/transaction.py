@@ -27,11 +27,7 @@ class OutputFile:
     part: Path  # File or folder to write. It does not exist yet; its folder is this run's own
 
     def write_text(self, text: str) -> None:
-        """Write a text as the whole output.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
+        """Write a text as the whole output, as of `write_bytes`."""
         self.write_bytes(text.encode())
 
     def write_bytes(self, content: bytes) -> None:
@@ -91,7 +87,6 @@ class OutputTransaction:
         """
         try:
             if kind is None and self._work:
-                self._sync()
                 self._commit()
         finally:
             self._close()
@@ -118,14 +113,12 @@ class OutputTransaction:
             if os.path.lexists(target):
                 self._check_old(path)
 
-    def _sync(self) -> None:
+    def _commit(self) -> None:
         for path, target in self._targets.items():
             with output_errors(path):
                 if os.path.lexists(target):
                     self._check_old(path)
                 self._work[path].sync()
-
-    def _commit(self) -> None:
         for path in reversed(self._paths):
             with output_errors(path):
                 self._work[path].give_name()
