@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from lidcam.checks.boxes import DoubtedCheck, class_number_warnings
-from lidcam.checks.calibration.check import CalibrationCheck
+from lidcam.checks.calibration.rig_check import CalibrationCheck
 from lidcam.checks.clocks import clock_notes, sync_warnings
 from lidcam.checks.messages import CameraCheck, GroundCheck, LidarCheck, MotionCheck, check_not_empty
 from lidcam.checks.no_objects import ObjectCheck

@@ -9,9 +9,8 @@ from lidcam.evaluation.allowed import AllowedDifference
 from lidcam.evaluation.evaluate import Advance, Progress, not_shown
 from lidcam.evaluation.figures import NamedFigures
 from lidcam.pipeline.core.errors import ConfigError, LidcamError
-from lidcam.pipeline.evaluation.comparison.comparison import Comparison
+from lidcam.pipeline.evaluation.comparison.comparison import Comparison, FramePair, paired_frames
 from lidcam.pipeline.evaluation.comparison.differences import Channel
-from lidcam.pipeline.evaluation.comparison.frames import FramePair, paired_frames
 from lidcam.pipeline.evaluation.comparison.object_changes import KINDS
 from lidcam.readers.input_file import InputFile, read_opened_files, recorded_inputs
 from lidcam.readers.results.result import Result, open_result
@@ -110,7 +109,6 @@ def _recordings_note(first: Result, second: Result) -> Iterator[str]:
 
 
 def _pairs(first: Result, second: Result, start_ns: int, advance: Advance) -> Iterator[FramePair]:
-    """The frames of both, with progress."""
     for number, pair in enumerate(paired_frames(first.frames(), second.frames())):
         yield pair
         log_time_ns = max(frame.log_time_ns for frame in pair if frame is not None)

@@ -76,7 +76,6 @@ def load_result(path: Path) -> tuple[RunSummary, Objects]:
 
 
 def _objects(index: int, messages: Mapping[str, RawMessage], result: Result) -> Objects:
-    """The objects of one frame."""
     config, rig = result.config, result.rig
     limits = replace(config.limits, max_message_items=MAX_SCENE_ITEMS)
     found = decode_detections3d(messages[FUSED], limits=config.limits)
@@ -180,7 +179,6 @@ def _summary(result: Result, path: Path, users: RoadUserTally) -> RunSummary:
 
 
 def _input_file(facts: Mapping[str, str]) -> InputFile:
-    """A file that the run read."""
     name, size = facts["name"], facts.get("size", "")
     return InputFile(
         path=facts.get("url", name),

@@ -123,7 +123,6 @@ def is_own_film(path: Path) -> bool:
 
 
 def _is_simulated(path: Path) -> bool:
-    """Whether a file is a recording of the simulator."""
     if is_marked_mcap(path, marks.SIMULATED):
         return True
     if not path.is_file():

@@ -117,7 +117,6 @@ def decided(config: Config, rig: Rig) -> Config:
 
 
 def _used(rig: Rig, boxes2d: Decoded[Boxes2D]) -> Decoded[Boxes2D]:
-    """The 2D boxes of the cameras that are used."""
     used = {camera.name for camera in rig.cameras if camera.fit.is_used}
     return Decoded({name: boxes for name, boxes in boxes2d.items() if name in used})
 

@@ -62,7 +62,6 @@ class Job:
     __repr__ = brief
 
     def __post_init__(self) -> None:
-        """Check the values."""
         if not 0 <= self.start_s < inf:
             raise ConfigError(f"start_s: expected 0 s or more, found {self.start_s}")
         if self.duration_s is not None and not 0 < self.duration_s < inf:

@@ -221,7 +221,6 @@ class RigFile(_Model):
     truth: dict[Name, TruthEntry] = Field(default_factory=dict)
 
     def __repr__(self) -> str:
-        """The site frame and the names of the sensors."""
         lidars, cameras = ([*sensors] if sensors else [] for sensors in (self.lidars, self.cameras))
         return f"RigFile(site_frame={self.site_frame!r}, lidars={lidars}, cameras={cameras})"
 

@@ -131,7 +131,6 @@ class KittiWriter(DatasetWriter):
             (self._folder / "training" / "evaluate_tracking.seqmap.training").write_text("".join(lines))
 
     def _frame_file(self, folder: str, ending: str) -> Path:
-        """A file of the current frame."""
         return self._file(folder, self._sequence, f"{self._count:06d}.{ending}")
 
     def _text_file(self, folder: str) -> Path:

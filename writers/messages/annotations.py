@@ -82,7 +82,6 @@ def _lines(kind: int, points: F32, counts: I64, rgba: F64, thickness_px: F64, ti
 
 
 def _texts(camera: CameraSensor, boxes: DrawnBoxes2D, time: Any) -> list[Any]:
-    """The labels in an image."""
     letters_px = min(camera.model.width_px, camera.model.height_px) * LABEL_SHARE
     found = [*_label_places(boxes, camera, letters_px)]
     return ROS2.rows(

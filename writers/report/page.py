@@ -70,7 +70,6 @@ def index_page(rows: Sequence[Mapping[str, object]], totals: str) -> str:
 
 
 def _rendered(name: str, **content: object) -> str:
-    """A template of this folder with its content."""
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(

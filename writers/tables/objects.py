@@ -303,7 +303,6 @@ class Objects(CheckedTable):
         return f"... {len(self) - shown} more" if len(self) > shown else ""
 
     def _texts(self, names: tuple[str, ...], count: int) -> Iterator[list[str]]:
-        """The first rows of some columns."""
         columns = self.select(np.arange(min(len(self), count))).columns
         return ([*map(_text, row)] for row in zip(*(columns[name] for name in names), strict=True))
 

@@ -25,8 +25,6 @@ GROUP_ROWS = 1 << 16
 
 
 class _ObjectsWriter(ResultWriter):
-    """The common part of the writers."""
-
     def __init__(self, output: OutputFile, rig: Rig, class_names: tuple[str, ...]) -> None:
         self.path, self._output, self._rig, self._class_names = output.path, output, rig, class_names
 

@@ -14,6 +14,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from lidcam.checks.calibration.coarse_pose import coarse_pose_warning
+from lidcam.checks.calibration.first_clouds import FirstClouds
 from lidcam.pipeline.calibration.camera_error import CameraError, camera_error
 from lidcam.pipeline.calibration.lidar_poses import NOT_COMPARED, ComparedLidars, LidarPair
 from lidcam.pipeline.calibration.motions import motion
@@ -292,6 +293,32 @@ class RigCheck:
         """The rig without its significant errors: lidars that disagree are moved so that all agree."""
         cameras = tuple(verdict.corrected for verdict in self.cameras)
         return replace(self._rig, cameras=cameras, lidars=self._compared.agreeing or self._rig.lidars)
+
+
+class CalibrationCheck:
+    """Checks the poses and clocks of lidars and cameras over a run."""
+
+    def __init__(self, rig: Rig, config: Config, compared: ComparedLidars = NOT_COMPARED) -> None:
+        self._first_clouds, self._rig_check = FirstClouds(rig, config), RigCheck(rig, config, compared)
+
+    def add_frame(self, frame: FrameResult) -> None:
+        """Add one frame."""
+        self._first_clouds.add_messages(frame.bundle.messages.values())
+        self._rig_check.add_frame(frame)
+
+    @property
+    def warnings(self) -> tuple[RunWarning, ...]:
+        """One for each sensor at most; cameras only where the lidars are right: misplaced objects match no camera.
+
+        Those that are not used are always named.
+        """
+        if of_lidars := self._first_clouds.lidar_warnings:
+            unused = (one.warning for one in self._rig_check.cameras if not one.camera.fit.is_used)
+            return (*of_lidars, *filter(None, unused))
+        found: dict[str, RunWarning] = {}
+        for warning in (*self._rig_check.warnings, *self._first_clouds.camera_warnings):
+            found.setdefault(warning.subject, warning)
+        return tuple(found.values())
 
 
 def _holds_in_halves(

@@ -230,7 +230,6 @@ def print_details(out: Console, summary: RunSummary) -> None:
 
 
 def _corrected(corrections: Mapping[str, CameraCorrection]) -> str:
-    """The corrections of cameras in a line."""
     return "; ".join(
         f"{name} turned by {one.turned_deg:.2f} ± {one.turned_sigma_deg:.2f} degrees, images {abs(one.late_ms):.0f} ± "
         f"{one.late_sigma_ms:.0f} ms {'late' if one.late_ms >= 0 else 'early'}"

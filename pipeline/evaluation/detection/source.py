@@ -196,7 +196,6 @@ class Source:
         }
 
     def _label_recalls(self, class_id: int | None, detections: Scored) -> Figures:
-        """Recall by the truth's own labels."""
         truth = self.site.truth
         is_counted = self.is_evaluated(class_id)
         is_right = np.zeros(len(truth), np.bool_)

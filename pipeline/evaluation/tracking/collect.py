@@ -27,8 +27,6 @@ BLOCK_FRAMES = 16
 
 
 class _Source:
-    """The boxes of one source."""
-
     def __init__(self) -> None:
         self.found = Pieces(TrackRows)
         self.pairs = Pieces(Candidates)

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import TypeVar
 
-from lidcam.pipeline.core.settings.config import Config
-from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, Figure, Figures
+from lidcam.pipeline.evaluation.evaluation_frame import Figure, Figures
 from lidcam.pipeline.evaluation.tracking.clear import ClearCounts, clear_figures, count_clear, match_clear
 from lidcam.pipeline.evaluation.tracking.collect import Collection
 from lidcam.pipeline.evaluation.tracking.courses import course_figures, follow, total_courses
@@ -15,24 +14,15 @@ from lidcam.pipeline.evaluation.tracking.table import TrackTable
 Counts = TypeVar("Counts", ClearCounts, HotaCounts)
 
 
-class TrackingEvaluation:
+class TrackingEvaluation(Collection):
     """Tracks of every source that has any, by class and of all classes.
 
     An object is only compared with boxes of its own class. `all` sums what was counted by class.
     """
 
-    def __init__(self, config: Config) -> None:
-        self._config = config
-        self._collection = Collection(config)
-
-    def add_frame(self, frame: EvaluationFrame) -> None:
-        """Take in one frame; one without truth plays no part."""
-        self._collection.add_frame(frame)
-
     def figures(self) -> Figures:
         """`tracking.SOURCE.CLASS.NAME`; empty without a source that has tracks."""
-        sources = {name: self._source_figures(tables) for name, tables in self._collection.tables()}
-        return {"tracking": sources}
+        return {"tracking": {name: self._source_figures(tables) for name, tables in self.tables()}}
 
     def _source_figures(self, tables: Sequence[TrackTable]) -> Figures:
         counts = [_Counts(table) for table in tables]

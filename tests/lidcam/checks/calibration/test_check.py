@@ -11,7 +11,7 @@ from frames import frame
 from helpers import CLUSTERS, SANDBOX
 
 import lidcam
-from lidcam.checks.calibration.check import CalibrationCheck
+from lidcam.checks.calibration.rig_check import CalibrationCheck
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import CameraFit, LidarSensor, Rig

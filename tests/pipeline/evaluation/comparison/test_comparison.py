@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from lidcam.pipeline.core.detections import Boxes2D
 from lidcam.pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
 from lidcam.pipeline.evaluation.comparison import comparison as module
-from lidcam.pipeline.evaluation.comparison.comparison import Comparison
+from lidcam.pipeline.evaluation.comparison.comparison import Comparison, paired_frames
 from lidcam.pipeline.evaluation.comparison.differences import Channel
-from lidcam.pipeline.evaluation.comparison.frames import paired_frames
 from lidcam.pipeline.evaluation.comparison.object_changes import KINDS, Kind
 from lidcam.pipeline.evaluation.evaluation_frame import UNKNOWN, ResultFrame, SourceBoxes
 

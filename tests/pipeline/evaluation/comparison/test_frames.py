@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidcam.pipeline.evaluation.comparison.frames import MAX_APART_NS, paired_frames
+from lidcam.pipeline.evaluation.comparison.comparison import MAX_APART_NS, paired_frames
 from lidcam.pipeline.evaluation.evaluation_frame import ResultFrame
 
 MS = 1_000_000
