@@ -79,7 +79,7 @@ def is_own_mcap(path: Path) -> bool:
     return is_marked_mcap(path, marks.RESULT)
 
 
-def is_own_rrd(path: Path) -> bool:
+def is_own_rerun(path: Path) -> bool:
     """Whether a file is a Rerun recording of lidcam."""
     head = _head(path, HEAD_BYTES)
     return head.startswith(b"RRF2") and RRD_STORE.search(head) is not None
@@ -109,7 +109,7 @@ def is_own_parquet(path: Path) -> bool:
     return tail.endswith(b"PAR1") and marks.OBJECTS.encode() in tail[-8 - int.from_bytes(tail[-8:-4], "little") :]
 
 
-def are_own_images(path: Path) -> bool:
+def is_own_matches(path: Path) -> bool:
     """Whether a folder has images of cameras and nothing else, or nothing at all."""
     return path.is_dir() and all(
         not file.is_symlink() and marks.MATCHES.encode() in _head(file, HEAD_BYTES) for file in path.iterdir()

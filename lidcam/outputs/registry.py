@@ -23,14 +23,14 @@ class Output:
     # Ending of its name; empty: a folder; None: no file, but a view of the run while it goes on
     ending: str | None = None
     open: str = ""  # Function that makes its `ResultWriter` of an `Opening` (`lidcam.outputs.writers`)
-    made_of_result: str = ""  # Function that makes its text and what the result lacks, in place of a writer
     # Function that says whether a run of lidcam wrote what stands at a path, so that a later one may replace it. It
     # raises OSError where that cannot be read
     is_own: str = ""
     how_to_open: str = ""  # Instruction to open `{path}`, and the `{layout}` beside it
+    made_of_result: str = ""  # Function that makes its text and what the result lacks, in place of a writer
+    needs: tuple[str, ...] = ()  # Modules that a small installation lacks; a run into a folder then does without it
     folder_of: str = ""  # What a folder holds
     has_layout: bool = False  # Whether a layout for Foxglove is written beside it
-    needs: tuple[str, ...] = ()  # Modules that a small installation lacks; a run into a folder then does without it
 
     def beside(self, path: Path, config: "Config") -> tuple[Path, ...]:
         """The texts that are written beside it."""
@@ -46,72 +46,31 @@ class Output:
         return self.how_to_open.format(path=path, layout=layout)
 
 
-_WRITERS, _ALLOWED = "lidcam.outputs.writers", "lidcam.outputs.allowed"
+def _file(name: str, option: str, ending: str, kind: str, how_to_open: str, **more: Any) -> Output:
+    """An output whose functions are called by its kind."""
+    functions = f"lidcam.outputs.writers:open_{kind}", f"lidcam.outputs.allowed:is_own_{kind}"
+    return Output(name, option, ending, *functions, how_to_open, **more)
+
 
 OUTPUTS = [
-    Output("pace", "--pace", open=f"{_WRITERS}:open_pace"),  # holds the others back, so it comes first
-    Output("view", "--view", open=f"{_WRITERS}:open_rerun"),
-    Output("foxglove", "--foxglove", open=f"{_WRITERS}:open_foxglove"),
-    Output(
-        "Foxglove",
-        "",
-        ".mcap",
-        f"{_WRITERS}:open_mcap",
-        is_own=f"{_ALLOWED}:is_own_mcap",
-        how_to_open="open the .mcap{layout} (Lichtblick, too)",
-        has_layout=True,
-    ),
-    Output(
-        "Rerun",
-        "--rerun",
-        ".rrd",
-        f"{_WRITERS}:open_rerun",
-        is_own=f"{_ALLOWED}:is_own_rrd",
-        how_to_open="rerun {path}",
-        needs=("rerun",),
-    ),
-    Output(
-        "Parquet",
-        "--objects",
-        ".parquet",
-        f"{_WRITERS}:open_parquet",
-        is_own=f"{_ALLOWED}:is_own_parquet",
-        how_to_open="open {path} with pandas.read_parquet, polars or DuckDB",
-    ),
-    Output(
-        "CSV",
-        "--objects",
-        ".csv",
-        f"{_WRITERS}:open_csv",
-        is_own=f"{_ALLOWED}:is_own_csv",
-        how_to_open="open {path} in a spreadsheet, or pandas.read_csv",
-    ),
-    Output(
-        "Film",
-        "--video",
-        ".mp4",
-        f"{_WRITERS}:open_film",
-        is_own=f"{_ALLOWED}:is_own_film",
-        how_to_open="open {path} in a browser or a player",
-    ),
+    Output("pace", "--pace", open="lidcam.outputs.writers:open_pace"),  # holds the others back, so it comes first
+    Output("view", "--view", open="lidcam.outputs.writers:open_rerun"),
+    Output("foxglove", "--foxglove", open="lidcam.outputs.writers:open_foxglove"),
+    _file("Foxglove", "", ".mcap", "mcap", "open the .mcap{layout} (Lichtblick, too)", has_layout=True),
+    _file("Rerun", "--rerun", ".rrd", "rerun", "rerun {path}", needs=("rerun",)),
+    _file("Parquet", "--objects", ".parquet", "parquet", "open {path} with pandas.read_parquet, polars or DuckDB"),
+    _file("CSV", "--objects", ".csv", "csv", "open {path} in a spreadsheet, or pandas.read_csv"),
+    _file("Film", "--video", ".mp4", "film", "open {path} in a browser or a player"),
     Output(
         "Report",
         "--report",
         ".html",
         made_of_result="lidcam.outputs.report.make:make_page",
-        is_own=f"{_ALLOWED}:is_own_page",
+        is_own="lidcam.outputs.allowed:is_own_page",
         how_to_open="open {path} in a browser",
         needs=("jinja2", "scipy"),
     ),
-    Output(
-        "Images",
-        "--save-matches",
-        "",
-        f"{_WRITERS}:open_matches",
-        is_own=f"{_ALLOWED}:are_own_images",
-        how_to_open="look at the .jpg in {path}",
-        folder_of="images",
-    ),
+    _file("Images", "--save-matches", "", "matches", "look at the .jpg in {path}", folder_of="images"),
 ]
 """Outputs and views of a run."""
 

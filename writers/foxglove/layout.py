@@ -8,7 +8,7 @@ Foxglove shares.
 import json
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
@@ -40,11 +40,6 @@ Direction = Literal["row", "column"]
 _DIRECTIONS: tuple[Direction, Direction] = "row", "column"
 
 
-class _Panel(NamedTuple):
-    id: str
-    config: Config
-
-
 def layout_path(path: Path) -> Path:
     """The path of the layout that belongs to an MCAP file: beside it."""
     return path.with_suffix(".foxglove.json")
@@ -62,27 +57,31 @@ def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str]) -> s
     for camera in cameras_in_order(rig):
         recorded = (f"/{camera.name}/image", f"/{camera.name}/image/compressed")
         images += [(camera, topic) for topic in recorded if topic in topics][:1]
-    extra = [_plot("objects", OBJECTS_TITLE, _OBJECT_PATHS), _plot("skew", SKEW_TITLE, _SKEW_PATHS), _diagnostics()]
+    extra = {
+        "Plot!objects": _plot(OBJECTS_TITLE, _OBJECT_PATHS),
+        "Plot!skew": _plot(SKEW_TITLE, _SKEW_PATHS),
+        "DiagnosticSummary!lidcam": _diagnostics(),
+    }
     panels, views = _arranged([camera for camera, _ in images])
     viewpoint = survey.viewpoint(aspect=views.aspect, fov_y_deg=FOV_Y_DEG)
     above = survey.above(viewpoint, aspect=views.above_aspect, fov_y_deg=FOV_Y_DEG)
-    scenes = [
-        _Panel("3D!scene", _scene(rig, "Scene", viewpoint, topics)),
-        _Panel("3D!above", _scene(rig, "From above", above, topics)),
-    ]
-    cameras = [_image(camera, topic, topics) for camera, topic in images]
-    layout: Split = _split(views.direction, scenes[0].id, scenes[1].id, views.share)
+    scenes = {
+        "3D!scene": _scene(rig, "Scene", viewpoint, topics),
+        "3D!above": _scene(rig, "From above", above, topics),
+    }
+    cameras = {f"Image!{camera.name}": _image(camera, topic, topics) for camera, topic in images}
+    layout: Split = _split(views.direction, "3D!scene", "3D!above", views.share)
     along, across = _DIRECTIONS if panels.side == "right" else _DIRECTIONS[::-1]
-    layout = _split(across, layout, _row(along, [panel.id for panel in extra]), 1 - _EXTRA_SHARE)
+    layout = _split(across, layout, _row(along, [*extra]), 1 - _EXTRA_SHARE)
     if cameras:
-        ids, columns = [panel.id for panel in cameras], panels.columns
+        ids, columns = [*cameras], panels.columns
         grid = _row("column", [_row("row", ids[first : first + columns]) for first in range(0, len(ids), columns)])
         if panels.side == "right":
             layout = _split("row", layout, grid, 1 - panels.image_share)
         else:
             layout = _split("column", grid, layout, panels.image_share)
     tree = {
-        "configById": {panel.id: panel.config for panel in (*scenes, *cameras, *extra)},
+        "configById": scenes | cameras | extra,
         "globalVariables": {},
         "userNodes": {},
         "playbackConfig": {"speed": 1},
@@ -168,14 +167,14 @@ def _camera_state(viewpoint: Viewpoint) -> Config:
     }
 
 
-def _image(camera: CameraSensor, topic: str, topics: Collection[str]) -> _Panel:
+def _image(camera: CameraSensor, topic: str, topics: Collection[str]) -> Config:
     # Image and annotations have one log time. To synchronise them by stamps would hide an image without annotations.
     mode: Config = {"imageTopic": topic, "synchronize": False}
     if (calibration := f"{topic.removesuffix('/compressed').removesuffix('/image')}/camera_info") in topics:
         mode["calibrationTopic"] = calibration
     if (annotations := f"/{camera.name}/annotations") in topics:
         mode["annotations"] = {annotations: {"visible": True}}
-    return _Panel(f"Image!{camera.name}", {**_titled(camera.name), "imageMode": mode, **_PRELOADED, "topics": {}})
+    return {**_titled(camera.name), "imageMode": mode, **_PRELOADED, "topics": {}}
 
 
 _OBJECT_PATHS = (
@@ -185,11 +184,11 @@ _OBJECT_PATHS = (
 _SKEW_PATHS = (("skew_ms", "sync skew (ms)", _SKEW_COLOR),)
 
 
-def _plot(name: str, title: str, series: Sequence[tuple[str, str, str]]) -> _Panel:
+def _plot(title: str, series: Sequence[tuple[str, str, str]]) -> Config:
     same = {"enabled": True, "timestampMethod": "receiveTime", "showLine": True}
     value = '/diagnostics.status[:].values[:]{{key=="{}"}}.value'
     paths = [{"value": value.format(key), "label": label, "color": color, **same} for key, label, color in series]
-    config = {
+    return {
         **_titled(title),
         "paths": paths,
         "minYValue": 0,
@@ -200,12 +199,11 @@ def _plot(name: str, title: str, series: Sequence[tuple[str, str, str]]) -> _Pan
         "isSynced": True,
         "xAxisVal": "timestamp",
     }
-    return _Panel(f"Plot!{name}", config)
 
 
-def _diagnostics() -> _Panel:
+def _diagnostics() -> Config:
     config = {"minLevel": 0, "pinnedIds": [], "hardwareIdFilter": "", "topicToRender": "/diagnostics"}
-    return _Panel("DiagnosticSummary!lidcam", {**_titled("Diagnostics"), **config, "sortByLevel": True})
+    return {**_titled("Diagnostics"), **config, "sortByLevel": True}
 
 
 def _titled(title: str) -> Config:

@@ -1,7 +1,7 @@
 """The counts of each frame: diagnostic_msgs/DiagnosticArray."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -22,37 +22,27 @@ _OK, _WARN = 0, 1  # DiagnosticStatus
 def diagnostics(result: FrameResult, rig: Rig, not_copied: Sequence[Drop]) -> Any:
     """Synchronisation, points by step, objects by source, and dropped messages, those of the writer itself included."""
     drops = [*result.drops, *not_copied]
+    dropped = [(drop.topic, ": ".join(filter(None, (drop.reason, drop.detail)))) for drop in drops]
     statuses = [
-        _synchronisation(result, rig),
-        _Status("cloud", f"{len(result.combined.cloud)} points", _cloud(result)),
-        _Status("objects", f"{len(result.fused.objects)} objects", _objects(result, rig)),
-        _Status(
-            "dropped messages",
-            f"{len(drops)} dropped" if drops else "none",
-            [(drop.topic, ": ".join(filter(None, (drop.reason, drop.detail)))) for drop in drops],
-            _WARN if drops else _OK,
-        ),
+        ("synchronisation", *_synchronisation(result, rig)),
+        ("cloud", f"{len(result.combined.cloud)} points", _cloud(result), _OK),
+        ("objects", f"{len(result.fused.objects)} objects", _objects(result, rig), _OK),
+        ("dropped messages", f"{len(drops)} dropped" if drops else "none", dropped, _WARN if drops else _OK),
     ]
+    names, messages, values, levels = zip(*statuses, strict=True)
     rows = ROS2.rows(
         "diagnostic_msgs/msg/DiagnosticStatus",
         len(statuses),
-        level=[one.level for one in statuses],
-        name=[f"lidcam: {one.name}" for one in statuses],
-        message=[one.message for one in statuses],
-        values=[[ROS2.new("diagnostic_msgs/msg/KeyValue", *pair) for pair in one.values] for one in statuses],
+        level=[*levels],
+        name=[f"lidcam: {name}" for name in names],
+        message=[*messages],
+        values=[[ROS2.new("diagnostic_msgs/msg/KeyValue", *pair) for pair in pairs] for pairs in values],
     )
     header = ROS2.header(result.bundle.stamp_ns, rig.site_frame)
     return ROS2.new("diagnostic_msgs/msg/DiagnosticArray", header, rows)
 
 
-class _Status(NamedTuple):
-    name: str
-    message: str
-    values: Values
-    level: int = _OK
-
-
-def _synchronisation(result: FrameResult, rig: Rig) -> _Status:
+def _synchronisation(result: FrameResult, rig: Rig) -> tuple[str, Values, int]:
     """Skew, offset of each message, missing sensors; a warning where one is silent."""
     bundle, names = result.bundle, rig.sensor_of_topic
     missing = [(f"missing {names.get(topic, topic)}", why) for topic, why in bundle.missing.items()]
@@ -66,7 +56,7 @@ def _synchronisation(result: FrameResult, rig: Rig) -> _Status:
     values = [("frame", str(bundle.index)), ("skew_ms", f"{bundle.skew_ns / 1e6:.3f}"), *missing, *offsets, *dropped]
     lacking = f", without {', '.join(names.get(topic, topic) for topic in bundle.missing)}" if missing else ""
     level = _WARN if Missing.SILENT in bundle.missing.values() else _OK
-    return _Status("synchronisation", f"skew {bundle.skew_ns / 1e6:.3f} ms{lacking}", values, level)
+    return f"skew {bundle.skew_ns / 1e6:.3f} ms{lacking}", values, level
 
 
 def _cloud(result: FrameResult) -> Values:
