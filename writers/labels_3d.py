@@ -13,13 +13,7 @@ _VIEW_PX, _LINE_PX, _LETTER_PX, _PADDING_PX = 480.0, 26.0, 7.5, 18.0
 
 
 class LabelPlaces:
-    """Places of the labels of frames, as the eye sees them that the frames so far ask for.
-
-    Args:
-        survey: Of the frames.
-        place_eye: Gives the eye of a survey.
-        fov_y_deg: Its vertical field of view.
-    """
+    """Places of the labels of frames, as the eye sees them that `place_eye` gives for the frames so far."""
 
     def __init__(self, survey: SceneSurvey, place_eye: Callable[[SceneSurvey], Viewpoint], fov_y_deg: float) -> None:
         self._survey, self._place_eye, self._fov_y_deg = survey, place_eye, fov_y_deg

@@ -18,12 +18,7 @@ _NO_PLACES = np.zeros((0, 3))
 
 
 class Trails:
-    """Keeps the places of the tracks of the last `TRAIL_S`. Frames must come in order.
-
-    Args:
-        site_frame: Name of the site frame.
-        motion: When its motion is known.
-    """
+    """Keeps the places of the tracks of the last `TRAIL_S`. Frames must come in order."""
 
     def __init__(self, site_frame: str, motion: MotionConfig) -> None:
         self._site_frame, self._motion = site_frame, motion

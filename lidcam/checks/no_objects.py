@@ -36,13 +36,8 @@ class ObjectCheck:
             self._closest = None
             return
         left_out, unused = sum(frame.fused.left_out.values()), sum(frame.unused_boxes3d.values())
-        rank = (
-            left_out,
-            float(frame.beliefs.max(initial=0)),
-            unused,
-            self._heard(frame),
-            frame.combined.counts["left"],
-        )
+        most_probable, left = float(frame.beliefs.max(initial=0)), frame.combined.counts["left"]
+        rank = left_out, most_probable, unused, self._heard(frame), left
         if rank > self._best:
             self._closest, self._best = frame, rank
 

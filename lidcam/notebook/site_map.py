@@ -21,19 +21,12 @@ MAX_POINTS = 10_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SiteMap:
-    """The frames of a run in a frame that does not move.
+    """The frames of a run in a frame that does not move."""
 
-    Attributes:
-        poses: (F, 4, 4) float64, T_fixed_site of each frame, metres; NaN where it is not known.
-        background: Where points of the lidars lie.
-        moves: Whether the sensors moved.
-        is_adrift: They moved, and nobody recorded where to: the poses are those of the site frame itself.
-    """
-
-    poses: F64
-    background: SparseGrid
-    moves: bool = False
-    is_adrift: bool = False
+    poses: F64  # (F, 4, 4) float64, T_fixed_site of each frame, metres; NaN where it is not known
+    background: SparseGrid  # Where points of the lidars lie
+    moves: bool = False  # Whether the sensors moved
+    is_adrift: bool = False  # They moved, and nobody recorded where to: the poses are those of the site frame itself
 
     __repr__ = brief
 

@@ -16,11 +16,9 @@ Table = TypeVar("Table", bound="DataclassInstance")
 
 
 class Pieces(Generic[Table]):
-    """A table that grows by pieces, and is put together when it is read.
+    """A table, a dataclass of parallel arrays, that grows by pieces and is put together when it is read.
 
-    Args:
-        kind: The table; a dataclass of parallel arrays.
-        **shapes: Shape of one row, by name of a column, where `kind` does not declare it (`Table.ROWS`).
+    `shapes` has the shape of one row by name of a column where the table does not declare it (`Table.ROWS`).
     """
 
     def __init__(self, kind: type[Table], **shapes: tuple[int, ...]) -> None:

@@ -48,10 +48,7 @@ def layout_path(path: Path) -> Path:
 def foxglove_layout(rig: Rig, survey: SceneSurvey, topics: Collection[str]) -> str:
     """The layout as JSON, marked so that an edited one is not replaced (viewers pass over the key `lidcam`).
 
-    Args:
-        rig: The rig of the result.
-        survey: Content of the first frames, which places the eye.
-        topics: Topics of the file that have messages; no other is named.
+    The survey places the eye; no other topics are named than these, which have messages.
     """
     images = []
     for camera in cameras_in_order(rig):

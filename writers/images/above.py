@@ -95,13 +95,7 @@ def draw_above(
 ) -> U8:
     """The frame from above, (H, W, 3), red, green, blue.
 
-    Args:
-        drawn: The objects of the frame.
-        rig: The sensors and zones.
-        trails: Of each object (K, 3), in the site frame.
-        area: What is shown.
-        heights: Between which the colours of points run, metres.
-        size_px: Width and height.
+    `trails` (K, 3) are those of each object in the site frame; the colours of points run between two heights in metres.
     """
     canvas, site = Canvas.blank(*size_px, _LETTER_PX), SiteMap(area, *size_px)
     _draw_grid(canvas, site)

@@ -32,15 +32,9 @@ Look = Literal["full", "compact"]
 def draw_camera(
     drawn: DrawnObjects, camera: CameraSensor, image: U8 | None, *, width_px: int, title: str, look: Look
 ) -> U8:
-    """The image of a camera in a frame, (H, W, 3), red, green, blue.
+    """The image of a camera in a frame, (H, W, 3), red, green, blue, with a title in the corner.
 
-    Args:
-        drawn: The objects of the frame.
-        camera: The camera.
-        image: (H, W, 3) its image; None where there is none.
-        width_px: Width of the image; its height follows from the camera's.
-        title: Stands in the corner.
-        look: Whether there is room for all.
+    `image` (H, W, 3) is what the camera saw; None where there is none.
     """
     scale, is_full = width_px / camera.model.width_px, look == "full"
     canvas = _canvas(image, width_px, round(camera.model.height_px * scale))
@@ -120,13 +114,7 @@ class Scene:
 
 
 class Scenes:
-    """Draws the frames of a run, and gathers what their images need of earlier ones.
-
-    Args:
-        rig: The sensors.
-        config: Settings.
-        decode: Gives the image of a message; raises MessageError.
-    """
+    """Draws the frames of a run, and gathers what images need of earlier ones; `decode` may raise MessageError."""
 
     def __init__(self, rig: Rig, config: Config, decode: Callable[[RawMessage], Image]) -> None:
         self._rig, self._names, self._decode = rig, config.object_names, decode

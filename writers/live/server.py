@@ -30,13 +30,8 @@ STOP_S = 1.0
 class FoxgloveServer(ResultWriter):
     """A server that runs while the block does.
 
-    Whoever connects gets the frames from then on. One that is too slow misses messages, and never holds up the run.
-
-    Args:
-        host: Address of this machine that it listens at.
-        title: The name that viewers show.
-        config: The settings of the run; `output` selects topics.
-        frames: As of `ResultMessages`.
+    Whoever connects gets the frames from then on, under a title. One that is too slow misses messages, and never holds
+    up the run. `frames` are as of `ResultMessages`.
     """
 
     name = "foxglove"

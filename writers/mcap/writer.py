@@ -76,14 +76,7 @@ def reserved_topics(rig: Rig) -> frozenset[str]:
 
 
 class McapResultWriter(ResultWriter):
-    """Writes one run's frames to a file, which is complete when the block ends without error.
-
-    Args:
-        config: The settings of the run; `output` selects topics and compression.
-        provenance: Written as metadata and attachments.
-        layout: File of the layout; None for no layout.
-        frames: As of `ResultMessages`.
-    """
+    """Writes one run's frames to a file, with their provenance as metadata and attachments, and a layout beside it."""
 
     name = "mcap"
 
@@ -125,14 +118,9 @@ class McapResultWriter(ResultWriter):
 
 
 class ResultMessages:
-    """Makes the messages of one run's frames, for whatever takes them.
+    """Makes the messages of one run's frames for a sink, which error messages call `path`.
 
-    Args:
-        sink: Takes them.
-        path: Its name in error messages.
-        rig: The sensors and zones.
-        config: The settings of the run; `output` selects topics.
-        frames: T_site_frame of frames that copied messages stand in.
+    `frames` are T_site_frame of those that copied messages stand in.
 
     Attributes:
         filled: Topics that have messages.

@@ -52,13 +52,7 @@ def scene_update(drawn: DrawnObjects, trails: Sequence[F64], places: F64, zones:
     """foxglove_msgs/SceneUpdate: a cube per fused object, an arrow to its front, and a label unless it is faint.
 
     One that no lidar shows has an ellipse of one standard deviation on the ground, one with a track its trail. The id
-    of its entity is that of its track: `track-12`.
-
-    Args:
-        drawn: The objects.
-        trails: Of each object, as `Trails` gives them.
-        places: (N, 3) of their labels.
-        zones: Entities of the zones.
+    of its entity is that of its track: `track-12`. `places` (N, 3) are those of the labels, metres.
     """
     objects, n, fused, strong, thin = drawn.boxes, len(drawn.boxes), drawn.result.fused, drawn.strong, drawn.thin
     stamp_ns, poses, rgba = drawn.result.bundle.stamp_ns, box_poses(objects), _colors(drawn)

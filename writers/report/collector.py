@@ -164,6 +164,8 @@ MAX_PLACES = 4_000
 class ReportCollector:
     """An evaluator whose outcome is drawn: it has no figures.
 
+    `is_adrift`: the sensors move, and where to is not known: ways are as seen from the sensors.
+
     Attributes:
         frames: Number of frames.
         first_ns: Stamp of the first one.
@@ -182,11 +184,6 @@ class ReportCollector:
         poses_known: Frames in which it is known where the site frame stood.
         travelled_m: How far the site frame has gone.
         is_tracked: Whether there are tracks.
-
-    Args:
-        config: Classes.
-        rig: Zones.
-        is_adrift: The sensors move, and where to is not known: ways are as seen from the sensors.
     """
 
     def __init__(self, config: Config, rig: Rig, *, is_adrift: bool = False) -> None:

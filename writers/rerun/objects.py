@@ -203,10 +203,7 @@ class News(set[str]):
 
 
 class ObjectLog:
-    """Logs the objects of one run's frames.
-
-    Args:
-        survey: Of the frames: places labels and zones.
+    """Logs the objects of one run's frames, with labels and zones as the survey places them.
 
     Attributes:
         tracks: Logs those that have one.

@@ -48,13 +48,10 @@ POINT_BYTES = 16
 
 
 class RerunResultWriter(ResultWriter):
-    """Writes one run's frames to a file, which is complete when the block ends without error, or shows them.
+    """Writes one run's frames to a file, or without an `output` shows each in the viewer when it is given.
 
-    Args:
-        output: The file; None opens the viewer and shows each frame when it is given.
-        config: The settings of the run; `output` selects images and clouds.
-        provenance: Gives the recording id: equal for equal inputs and settings.
-        decode_any_image: Decodes an image that is neither JPEG nor PNG; those are passed through.
+    The recording id is equal for equal inputs and settings. JPEG and PNG are passed through; `decode_any_image` decodes
+    other images.
     """
 
     def __init__(

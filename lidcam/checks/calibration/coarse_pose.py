@@ -61,12 +61,8 @@ def coarse_pose_warning(
 ) -> RunWarning | None:
     """The warning of a camera whose pose fits badly, with the pose that fits; None if it fits or too little was seen.
 
-    Args:
-        camera: As calibrated.
-        others: The other cameras of the rig.
-        frames: Frames with objects and with 2D boxes of the camera.
-        lasting: Those of them with 2D boxes that lie where its image before has one, and only these boxes.
-        lidar_xyz: (L, 3) positions of the lidars in the site frame, metres.
+    `lasting` are the frames with 2D boxes that lie where the image before has one, and only these boxes; `lidar_xyz`
+    (L, 3) the positions of the lidars in the site frame, metres.
     """
     count = sum(len(frame.xyxy) for frame in frames)
     if not has_enough(frames):

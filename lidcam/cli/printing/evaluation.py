@@ -370,17 +370,11 @@ CAUSES = {
 
 def mistakes_table(source: str, kinds: Mapping[str, Any]) -> Table:
     """The worst mistakes of one source: kind, number of frames, time and place."""
-    rows = (
-        (
-            kind,
-            one["class"],
-            one["frames"],
-            *(f"{one[key]:.1f}" for key in ("worst_s", "x_m", "y_m")),
-            mistake_note(kind, one),
-        )
-        for kind, mistakes in kinds.items()
-        for one in mistakes[:MAX_PRINTED]
-    )
+    rows = list[tuple[object, ...]]()
+    for kind, mistakes in kinds.items():
+        for one in mistakes[:MAX_PRINTED]:
+            where = (f"{one[key]:.1f}" for key in ("worst_s", "x_m", "y_m"))
+            rows.append((kind, one["class"], one["frames"], *where, mistake_note(kind, one)))
     title = f"worst errors of {source}: where to look, and when (s from the first frame)"
     return rows_table(title, ("error", "class", "frames", "at s", "x m", "y m", ""), rows, ("class", ""))
 

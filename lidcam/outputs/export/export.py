@@ -19,8 +19,6 @@ from lidcam.writers.datasets.images import ImageWriter
 from lidcam.writers.outputs.errors import output_errors
 from lidcam.writers.outputs.transaction import OutputFile, OutputTransaction
 
-DEFAULT = ExportOptions()
-
 OF_ONE_CAMERA: tuple[DatasetFormat, ...] = ("kitti", "kitti-tracking", "coco", "yolo")
 """Formats that have one camera, or the images of one if that is asked for."""
 
@@ -44,7 +42,7 @@ def export_results(
     results: Sequence[Path],
     folder: Path,
     format_name: DatasetFormat,
-    options: ExportOptions = DEFAULT,
+    options: ExportOptions,
     show: Progress = not_shown,
 ) -> Exported:
     """Write results, one scene each, as one data set, in a folder that is empty or does not exist.
