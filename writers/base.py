@@ -12,7 +12,7 @@ from lidcam.writers.outputs.errors import output_errors
 
 
 class ResultWriter(ABC):
-    """Writes the frames of one run, in order.
+    """Writes the frames of one run, in order; raises OutputError where it cannot.
 
     A context manager: what is written is complete when the block ends without error. It gets its name afterwards, with
     all other outputs of the run (`lidcam.writers.outputs.transaction`), or is discarded with them. Not thread-safe.
@@ -22,11 +22,7 @@ class ResultWriter(ABC):
     path: Path  # The output in error messages
 
     def __enter__(self) -> Self:
-        """Open the output.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
+        """Open the output."""
         with output_errors(self.path), ExitStack() as resources:
             self._open(resources)
             self._resources = resources.pop_all()
@@ -35,11 +31,7 @@ class ResultWriter(ABC):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Complete the output, or give it up if the block ended with an exception.
-
-        Raises:
-            OutputError: it cannot be completed.
-        """
+        """Complete the output, or give it up if the block ended with an exception."""
         if kind is not None:
             with suppress(OSError):  # what is written is discarded
                 self._resources.__exit__(kind, error, trace)
@@ -49,14 +41,7 @@ class ResultWriter(ABC):
 
     @abstractmethod
     def write(self, result: FrameResult) -> tuple[Drop, ...]:
-        """Write one frame.
-
-        Returns:
-            Messages of the frame that could not be written; the rest of the frame is.
-
-        Raises:
-            OutputError: the frame cannot be written.
-        """
+        """Write one frame; returns messages of it that could not be written, as the rest is."""
 
     def _open(self, resources: ExitStack) -> None:  # noqa: B027
         """Open the output; `resources` end with the block."""

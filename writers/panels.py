@@ -54,11 +54,7 @@ def scene_panels(aspect: float) -> ScenePanels:
 
 
 def arrange(aspects: Sequence[float]) -> Panels:
-    """The arrangement in which the images are large and the scene is not too low.
-
-    Args:
-        aspects: Width divided by height of each image.
-    """
+    """The arrangement in which images of these aspects, width by height, are large and the scene is not too low."""
     width, height = WINDOW_PX
     if not aspects:
         return Panels("right", 1, 0.0, 0.0, width / (height - TITLE_PX))

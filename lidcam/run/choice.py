@@ -71,10 +71,7 @@ def choose_settings(
 ) -> SettingsChoice:
     """The given settings; without any, those among which the recording decides.
 
-    `more` overrides `settings`, which override `config`.
-
-    Raises:
-        ConfigError: as in `load_config`.
+    `more` overrides `settings`, which override `config`. Errors as of `load_config`.
     """
 
     def loaded(base: Config | str | PathLike[str] | None) -> Config:

@@ -98,10 +98,8 @@ def _compared_clouds(source: RunInput) -> Iterator[list[F64]]:
 def corrected_by_recording(source: RunInput, known: KnownBoxes, workers: int) -> RunInput:
     """The source with cameras corrected by the recording; a camera that shows too little stays as recorded.
 
-    One that fits nowhere is not used.
-
-    Where its CameraInfo does not tell whether images are rectified, K and P are compared first.
-    `known` gets the boxes of the frames that are looked at.
+    One that fits nowhere is not used. Where its CameraInfo does not tell whether images are rectified, K and P are
+    compared first. `known` gets the boxes of the frames that are looked at.
 
     Raises:
         ModelError: a network cannot be loaded.

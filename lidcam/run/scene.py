@@ -126,10 +126,7 @@ def find_motion(recording: Recording, config: Config, found: Discovery) -> tuple
     """The source of the site frame's motion, and the rig with notes about odometry that is not used.
 
     Drivers publish zeros where nothing measures the motion. Odometry that the settings name is believed. Where there is
-    none at all, that of other frames is named if the clouds show that the rig moves.
-
-    Raises:
-        ConfigError: as of `find_motion_source`.
+    none at all, that of other frames is named if the clouds show that the rig moves. Errors as of `find_motion_source`.
     """
     unused, site = list[str](), found.rig.site_frame
     source = find_motion_source(

@@ -127,11 +127,7 @@ def undistorted(rgb: U8, model: CameraModel) -> U8:
 
 
 def write_image(path: Path, rgb: U8) -> None:
-    """Write an image in the format that its ending names.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Write an image in the format that its ending names."""
     quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if path.suffix == ".jpg" else []
     ok, data = cv2.imencode(path.suffix, rgb[..., ::-1], quality)
     if not ok:

@@ -81,11 +81,7 @@ class McapOutput(MessageSink):
 def mcap_file(
     path: Path, *, profile: str, compression: Literal["none", "lz4", "zstd"] = "zstd"
 ) -> Iterator[McapOutput]:
-    """Open a new file, which is complete when the block ends well; `output_errors` may enclose the block.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Open a new file, which is complete when the block ends well; `output_errors` may enclose the block."""
     with path.open("xb") as stream:
         writer = Writer(stream, CHUNK_BYTES, CompressionType[compression.upper()])
         writer.start(profile, LIBRARY)
@@ -118,14 +114,7 @@ def write_repaired(
     """Write messages to a new MCAP file, in their order, with their log times.
 
     The channels are those of the file's list, in its order, also those without messages. Each loss becomes a metadata
-    record; the losses are read after the last message.
-
-    Returns:
-        Number of messages.
-
-    Raises:
-        OutputError: the file cannot be written.
-        RecordingError: raised by `messages`.
+    record; the losses are read after the last message. Returns the number of messages.
     """
     channels = list(dict.fromkeys(channels))
     profile = PROFILES.get(frozenset(channel.encoding for channel in channels), "")

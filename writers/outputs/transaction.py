@@ -1,4 +1,7 @@
-"""The outputs of one run: they get their names when all of them are whole and on the disk."""
+"""The outputs of one run: they get their names when all of them are whole and on the disk.
+
+What the system refuses becomes an OutputError.
+"""
 
 import os
 import stat
@@ -27,15 +30,11 @@ class OutputFile:
     part: Path  # File or folder to write. It does not exist yet; its folder is this run's own
 
     def write_text(self, text: str) -> None:
-        """Write a text as the whole output, as of `write_bytes`."""
+        """Write a text as the whole output."""
         self.write_bytes(text.encode())
 
     def write_bytes(self, content: bytes) -> None:
-        """Write bytes as the whole output.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
+        """Write bytes as the whole output."""
         with output_errors(self.path), self.part.open("xb") as file:
             file.write(content)
 
@@ -65,11 +64,7 @@ class OutputTransaction:
         self._work: dict[Path, WorkFolder] = {}
 
     def __enter__(self) -> Self:
-        """Make the folders and lock them.
-
-        Raises:
-            OutputError: an output cannot be written, must not be replaced, or is being written by another run.
-        """
+        """Make the folders and lock them; OutputError: one must not be replaced, or another run writes it."""
         try:
             self._open()
         except BaseException:
@@ -80,11 +75,7 @@ class OutputTransaction:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Give the outputs their names, or discard them.
-
-        Raises:
-            OutputError: the system refuses, or what stands there now must not be replaced.
-        """
+        """Give the outputs their names, or discard them; OutputError: what stands there now must not be replaced."""
         try:
             if kind is None and self._work:
                 self._commit()

@@ -42,13 +42,10 @@ class WorkFolder:
     def __init__(self, target: Path, shown: Path) -> None:
         """Make the folder, in folders made where missing, lock it, and remove what killed runs left of this output.
 
-        Args:
-            target: The output, without links.
-            shown: Its name in error messages.
+        The target is without links; error messages show another name.
 
         Raises:
             OutputError: another run writes the output, or lidcam does not write on this system.
-            OSError: the folder cannot be made.
         """
         check_writable_here()
         self.path = target.with_name(f"{folder_prefix(target)}{secrets.token_hex(4)}")
@@ -68,11 +65,7 @@ class WorkFolder:
             raise
 
     def sync(self) -> None:
-        """Wait until the output is on the disk, with the permissions of this user's file that it replaces.
-
-        Raises:
-            OSError: it cannot be written.
-        """
+        """Wait until the output is on the disk, with the permissions of this user's file that it replaces."""
         if os.path.lexists(self._target) and self.part.exists():
             old = self._target.lstat()
             if old.st_uid == os.geteuid() and not stat.S_ISLNK(old.st_mode):
@@ -82,11 +75,7 @@ class WorkFolder:
                 _sync(Path(folder, name))
 
     def give_name(self) -> None:
-        """Put the output, if it was written, in the place of what stands there.
-
-        Raises:
-            OSError: the system refuses; what stood there stays, or comes back at the end.
-        """
+        """Put the output, if it was written, in the place of what stands there, which is back at the end if refused."""
         if os.path.lexists(self.part):
             if self._target.is_dir():  # no system replaces a folder that holds something
                 self._target.rename(self._old)

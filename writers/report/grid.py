@@ -18,12 +18,7 @@ _MIDDLE = 1 << 30
 
 
 class SparseGrid:
-    """Counts by square cell; where there are too many cells, four become one.
-
-    Args:
-        cell_m: Side of a cell at first.
-        max_cells: Most cells with a count.
-    """
+    """Counts by square cell, of this side at first; where there are too many cells, four become one."""
 
     def __init__(self, cell_m: float, max_cells: int) -> None:
         self.cell_m, self._max_cells = cell_m, max_cells

@@ -27,9 +27,7 @@ STALL_S = 600.0
 class RerunStream:
     """Writes all that a Rerun recording logs from now on to an open file, which messages call `path`.
 
-    Raises:
-        OSError: no pipe can be made.
-        OutputError: Rerun cannot write to it.
+    Raises OutputError where Rerun does not go on, and the OSError of a write that fails.
     """
 
     def __init__(self, recording: rr.RecordingStream, file: FileIO, path: Path) -> None:
@@ -51,12 +49,7 @@ class RerunStream:
             os.close(given)  # the thread ends at once if there is no sink
 
     def flush(self) -> None:
-        """Wait until all that was logged is in the file, or in the pipe.
-
-        Raises:
-            OSError: it cannot be written.
-            OutputError: Rerun does not go on.
-        """
+        """Wait until all that was logged is in the file, or in the pipe."""
         until_s = time.monotonic() + STALL_S
         while True:
             self.check()

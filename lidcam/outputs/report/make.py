@@ -55,9 +55,6 @@ def make_page(path: Path, show: Progress = not_shown, *, film: str = "") -> tupl
     """The page about a result, as HTML, and the parts of it that could not be used; the same result, the same bytes.
 
     `film` is the name of the run's film in the folder of the page; empty without one.
-
-    Raises:
-        LidcamError: the result cannot be read.
     """
     job = within_labels(EvaluationJob(path))
     with open_result(path, job.settings) as result:
