@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, Array, Bools
-from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.geometry.polygons import clipped_polygon
@@ -84,7 +83,6 @@ class SceneSurvey:
     """Gathers, over the first frames, what the first view should show."""
 
     rig: Rig  # The sensors
-    frames: int = 0  # Number of frames taken in, those without points and objects, too
     span: F64 | None = None  # (2, 2) least and greatest x and y of the strong objects of all frames; None without any
     _strong: list[F64] = field(default_factory=list)
     _faint: list[F64] = field(default_factory=list)
@@ -115,24 +113,16 @@ class SceneSurvey:
     def add_frame(self, result: FrameResult) -> None:
         """Take one frame in; of those after the survey is complete, how far objects go alone."""
         strong = strong_objects(result)
-        objects = result.fused.objects.select(strong)
-        if len(objects):
-            corners = box_corners(objects.centers, objects.sizes, objects.yaws)[..., :2].reshape(-1, 2)
+        if len(shown := result.fused.objects.select(strong)):
+            corners = box_corners(shown.centers, shown.sizes, shown.yaws)[..., :2].reshape(-1, 2)
             corners = np.concatenate([corners, *([] if self.span is None else [self.span])])
             self.span = np.stack([corners.min(0), corners.max(0)])
         if self.is_complete:
             return
-        ground = result.combined.ground_cloud.xyz
+        objects, ground = result.fused.objects, result.combined.ground_cloud.xyz
         points = np.concatenate([result.combined.cloud.xyz[:, :2], ground[:, :2]])
         if len(ground):
             self._ground_m.append(float(np.median(ground[:, 2])))
-        self.take(result.fused.objects, strong, points)
-
-    def take(self, objects: Boxes3D, strong: Bools, points: Array) -> None:
-        """Take in the objects of a frame, which of them are drawn strong, and points (N, 2) of the site."""
-        if self.is_complete:
-            return
-        self.frames += 1
         if not len(objects) and not len(points):  # the lidars may begin late
             return
         corners = box_corners(objects.centers, objects.sizes, objects.yaws)
