@@ -96,13 +96,8 @@ def _messages(bundle: SensorBundle, *sensors: Iterable[LidarSensor | CameraSenso
 def box_source(config: Config, rig: Rig) -> BoxSource:
     """The source of 2D boxes; `none` where no camera of the rig has them."""
     wanted = _wanted_boxes(config, rig)
-    found = {
-        "onnx": any(camera.topic for camera in rig.cameras),
-        "recorded": any(camera.boxes_topic for camera in rig.cameras),
-        "callable": any(camera.topic for camera in rig.cameras),
-        "none": True,
-    }
-    return wanted if found[wanted] else "none"
+    has_any = any(camera.boxes_topic if wanted == "recorded" else camera.topic for camera in rig.cameras)
+    return wanted if has_any else "none"
 
 
 def detects_in_images(config: Config, rig: Rig) -> bool:

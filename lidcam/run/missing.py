@@ -3,7 +3,6 @@
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 from lidcam.pipeline.core.rig import BOXES_SUFFIX, Rig
 from lidcam.pipeline.stages.sync.attendance import Absence
@@ -132,14 +131,10 @@ def _silence_warning(finding: str, sensors: Sequence[MissingSensor]) -> RunWarni
     return RunWarning(names, f"{finding} {'it' if len(sensors) == 1 else 'them'}", remedy)
 
 
-def absent_sensors(
-    missing: Sequence[MissingSensor], dropped: Mapping[str, int] = MappingProxyType({})
-) -> list[MissingSensor]:
+def absent_sensors(missing: Sequence[MissingSensor], dropped: Mapping[str, int]) -> list[MissingSensor]:
     """Sensors that sent messages but are in no frame of several, or in none with the others.
 
-    A camera's boxes are listed only without it.
-
-    `dropped` is the number of dropped messages by topic: those of a short recording count, too.
+    A camera's boxes are listed only without it. Dropped messages by topic: those of a short recording count, too.
     """
     never_used = [sensor for sensor in missing if sensor.alive_frames and sensor.frames == sensor.of_frames]
     absent = never_used + [sensor for sensor in missing if sensor.is_apart]
@@ -155,9 +150,7 @@ def absent_sensors(
     ]
 
 
-def absence_warnings(
-    missing: Sequence[MissingSensor], dropped: Mapping[str, int] = MappingProxyType({})
-) -> list[RunWarning]:
+def absence_warnings(missing: Sequence[MissingSensor], dropped: Mapping[str, int]) -> list[RunWarning]:
     """One warning for each sensor that sent messages but is in no frame; `dropped` as of `absent_sensors`."""
     return [
         RunWarning(
@@ -178,12 +171,12 @@ def apart_warnings(missing: Sequence[MissingSensor]) -> list[RunWarning]:
             f"is in no frame with the other sensors: {sensor.spans or 'it was recorded at another time'}",
             "if it was there with them, the clock of the computer that recorded it is off: record all by one clock",
         )
-        for sensor in absent_sensors(missing)
+        for sensor in absent_sensors(missing, {})
         if sensor.is_apart
     ]
 
 
-def absent_lines(missing: Sequence[MissingSensor], dropped: Mapping[str, int] = MappingProxyType({})) -> list[str]:
+def absent_lines(missing: Sequence[MissingSensor], dropped: Mapping[str, int]) -> list[str]:
     """One line for each sensor that was recorded and is in no frame; `dropped` as of `absent_sensors`."""
     return [
         f"{one.sensor} is in {'no frame with the others' if one.is_apart else f'none of the {one.of_frames} frames'}"

@@ -56,12 +56,7 @@ class FoundSensors(NamedTuple):
 
 
 def find_sensors(
-    recording: Recording,
-    config: Config,
-    rig_file: RigFile | None = None,
-    *,
-    start_ns: int | None = None,
-    stop_ns: int | None = None,
+    recording: Recording, config: Config, rig_file: RigFile | None, *, start_ns: int | None, stop_ns: int | None
 ) -> FoundSensors:
     """The sensors of a recording.
 

@@ -103,14 +103,14 @@ class _Channels(MessageSink, ServerListener):
         self._latched: tuple[bytes, int] | None = None
 
     def add_channel(
-        self, topic: str, encoding: str, schema: tuple[str, str, bytes], metadata: Mapping[str, str] | None = None
+        self, topic: str, encoding: str, schema: tuple[str, str, bytes], metadata: Mapping[str, str]
     ) -> int:
         name, schema_encoding, data = schema
         channel = foxglove.Channel(
             topic,
             schema=foxglove.Schema(name=name, encoding=schema_encoding, data=data),
             message_encoding=encoding,
-            metadata=dict(metadata or {}),
+            metadata=dict(metadata),
             context=self._context,
         )
         self._channels[channel.id()] = channel

@@ -26,7 +26,7 @@ class MessageSink(ABC):
 
     @abstractmethod
     def add_channel(
-        self, topic: str, encoding: str, schema: tuple[str, str, bytes], metadata: Mapping[str, str] | None = None
+        self, topic: str, encoding: str, schema: tuple[str, str, bytes], metadata: Mapping[str, str]
     ) -> int:
         """The id of a new channel; `schema` is name, encoding and data (mcap.dev/spec/registry)."""
 
@@ -57,12 +57,12 @@ class McapOutput(MessageSink):
         self._schemas: dict[tuple[str, str, bytes], int] = {}
 
     def add_channel(
-        self, topic: str, encoding: str, schema: tuple[str, str, bytes], metadata: Mapping[str, str] | None = None
+        self, topic: str, encoding: str, schema: tuple[str, str, bytes], metadata: Mapping[str, str]
     ) -> int:
         """As of `MessageSink`; a schema is written once."""
         if schema not in self._schemas:
             self._schemas[schema] = self._writer.register_schema(*schema)
-        return self._writer.register_channel(topic, encoding, self._schemas[schema], dict(metadata or {}))
+        return self._writer.register_channel(topic, encoding, self._schemas[schema], dict(metadata))
 
     def add_message(self, channel: int, log_time_ns: int, data: Buffer, sequence: int = 0) -> None:
         """As of `MessageSink`."""

@@ -73,9 +73,7 @@ MIN_NOT_AMONG = 0.001
 """Smallest share of the intensities of copied points that another sweep lacks; the sensor's has all of them."""
 
 
-def is_world_frame(
-    frame: str, frames: Collection[str], transforms: RecordedTransforms, *, is_measured: bool = False
-) -> bool:
+def is_world_frame(frame: str, frames: Collection[str], transforms: RecordedTransforms, *, is_measured: bool) -> bool:
     """Whether sensors move in a frame, by its name, or by what moves below it.
 
     `frame` is that of a cloud, `frames` are those of all. `is_measured`: its points have times or rings, as vehicles

@@ -96,7 +96,7 @@ def absent(*names: str, frames: int = 20) -> list[MissingSensor]:
     ],
 )
 def test_sensors_that_no_frame_has_are_named(missing: list[MissingSensor], sensors: list[str]) -> None:
-    assert [warning.subject for warning in absence_warnings(missing)] == sensors
+    assert [warning.subject for warning in absence_warnings(missing, {})] == sensors
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,7 @@ UNCALIBRATED = [cloud(1), cloud(2), image_message(11), image_message(12, "camera
 
 
 def draft(messages: list[RawMessage], rig: RigFile | None = None) -> str:
-    found = find_sensors(MemoryRecording(messages), Config(), rig)
+    found = find_sensors(MemoryRecording(messages), Config(), rig, start_ns=None, stop_ns=None)
     return draft_yaml(found, found.zones)
 
 
