@@ -38,6 +38,9 @@ MISS_MARGIN_S = 0.25
 MAX_MISS_STEP_S = 0.75
 """Maximum time from a sighting to the next frame in which a miss counts, seconds, where frames are rare."""
 
+TRAVEL_LOG_ODDS = 2.5
+"""Log odds added to those of people who travel: things that look like people to the lidars hardly ever do."""
+
 PLAIN_POINTS = 200.0
 """Number of lidar points with half the weight of any number: a view of few points is a poorer view of the same thing,
 which says nothing that a better one does not."""
@@ -142,7 +145,10 @@ class OfflineTracker:
             now[unnamed] = [label_of.get(number, -1) for number in ids[unnamed].tolist()]
 
     def _existence(self, scene: Scene, estimates: Estimates, history: History) -> F64:
-        """(T,) weighted mean log odds of existence; how likely the speed of a new track is counts as one frame more."""
+        """(T,) weighted mean log odds of existence, and more for people who travel.
+
+        How likely the speed of a new track is counts as one frame more.
+        """
         tracks, count = estimates.courses.cell_tracks, len(estimates)
         log_odds, weights = _evidence(scene, estimates)
         stamps_s, courses = scene.stamps_s, estimates.courses
@@ -157,7 +163,9 @@ class OfflineTracker:
         by_speed = -((estimates.motions.states[first, SPEED] / courses.speeds) ** 2) / 2
         total = history.log_odds + np.bincount(tracks, weights * log_odds, count)
         total += missed * MISS_LOG_ODDS + first_weights * by_speed
-        return np.asarray(total / (history.weights + np.bincount(tracks, weights, count) + missed + first_weights))
+        mean = total / (history.weights + np.bincount(tracks, weights, count) + missed + first_weights)
+        are_people = ~self._priors.are_solid[estimates.class_ids]
+        return np.asarray(mean + TRAVEL_LOG_ODDS * (are_people & estimates.travelled))
 
     def _history_of(self, labels: I64) -> History:
         """The history of each track: that of the earlier track with which it has most sightings in common.
@@ -201,6 +209,7 @@ class OfflineTracker:
             headings=estimates.motions.states[at, HEADING],
             fronts_known=estimates.fronts_known,
             front_log_odds=estimates.front_log_odds,
+            travelled=estimates.travelled,
             log_odds=history.log_odds + np.bincount(tracks, weights * log_odds, count),
             weights=history.weights + np.bincount(tracks, weights, count),
             firsts_ns=np.where(history.firsts_ns >= 0, history.firsts_ns, scene.stamps_ns[courses.firsts]),

@@ -6,7 +6,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tracked_scenes import BUS, CAR, PERIOD_S, PRIORS, START_NS, TRUCK, Mover, circling, scene, straight
+from tracked_scenes import (
+    BICYCLE,
+    BUS,
+    CAR,
+    PEDESTRIAN,
+    PERIOD_S,
+    PRIORS,
+    START_NS,
+    TRUCK,
+    Mover,
+    circling,
+    scene,
+    straight,
+)
 
 from lidcam.pipeline.core.arrays import join_rows
 from lidcam.pipeline.tracking.motion import HEADING, REAR_SHARE, SPEED
@@ -177,6 +190,28 @@ def test_the_frames_that_show_it_best_decide(far: float, near: float, is_kept: b
     for index, one in enumerate(frames):
         one.sightings.beliefs[:], one.sightings.point_counts[:] = (near, 800) if 40 <= index < 50 else (far, 15)
     assert len(tracked(frames)[20]) == is_kept
+
+
+@pytest.mark.parametrize(
+    ("class_id", "speed", "noise_m", "seconds", "is_kept"),
+    [
+        (PEDESTRIAN, 1.2, 0.05, 60, True),
+        (PEDESTRIAN, 1.2, 0.05, 5, True),  # then stands
+        (BICYCLE, 4.0, 0.1, 60, True),
+        (PEDESTRIAN, 0.0, 0.05, 60, False),  # a post
+        (PEDESTRIAN, 1.2, 1.0, 60, False),  # what wanders
+        (PEDESTRIAN, 9.0, 0.05, 60, False),  # a part of a lorry
+        (CAR, 4.0, 0.05, 60, False),
+    ],
+)
+def test_people_who_travel_are_people(class_id: int, speed: float, noise_m: float, seconds: int, is_kept: bool) -> None:
+    def place(t: float) -> tuple[float, float, float]:
+        return speed * min(t, seconds), 0.0, 0.0
+
+    frames = scene([Mover(place, class_id, belief=0.6)], 140, noise_m=noise_m)
+    for index, one in enumerate(frames):
+        one.sightings.beliefs[:] = 0.6 if index % 10 == 0 else 0.3
+    assert ids(tracked(frames, window_s=4.0)) == [[1] if is_kept else []] * 140
 
 
 @pytest.mark.parametrize("window_s", [4.0, 60.0])
