@@ -21,7 +21,7 @@ from lidcam.pipeline.tracking.joining import joined_in_place, joined_over_gaps
 from lidcam.pipeline.tracking.motion import HEADING, SPEED, Priors
 from lidcam.pipeline.tracking.online import MAX_UNSEEN_S, OnlineTracker
 from lidcam.pipeline.tracking.sightings import MIN_MEASUREMENTS, NOT_SEEN, FrameSightings, Scene, TrackRows
-from lidcam.pipeline.tracking.undersides import climb_variances, smoothed_undersides, underside_variances
+from lidcam.pipeline.tracking.undersides import climb_variances, road_heights, smoothed_undersides, underside_variances
 
 EXTRA_OVERLAP_S = 2.0
 """Extra window overlap beyond `max_gap_s`, seconds."""
@@ -310,5 +310,6 @@ def _heights_m(scene: Scene, estimates: Estimates) -> F64:
     objects_m = np.linalg.norm(np.diff(xy, axis=0, prepend=xy[:1]), axis=1)
     rig_m = np.linalg.norm(np.diff(scene.sites_xy, axis=0, prepend=scene.sites_xy[:1]), axis=1)
     climbs = climb_variances(objects_m, rig_m[frames])
-    undersides_m = smoothed_undersides(courses, estimates.are_seen, undersides_m, variances, climbs)
+    road_m = road_heights(courses, estimates.are_seen, undersides_m, variances, objects_m)
+    undersides_m = road_m + smoothed_undersides(courses, estimates.are_seen, undersides_m - road_m, variances, climbs)
     return np.asarray(undersides_m + estimates.sizes[tracks, 2] / 2)

@@ -7,7 +7,7 @@ no more than the error of the rig's motion.
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Indices
-from lidcam.pipeline.tracking.smoothing import Courses
+from lidcam.pipeline.tracking.smoothing import FRAME_CORRELATION, Courses
 
 UNDERSIDE_SIGMA_M = 0.03
 """Standard deviation of the z of the underside of an object of many points, metres."""
@@ -17,6 +17,9 @@ UNDERSIDE_POINTS = 1000.0
 
 SLOPE_SIGMA_M = 0.02
 """Standard deviation of the change of z over a metre that an object moves, metres; it grows as in a random walk."""
+
+ROAD_SLOPE = 0.05
+"""Standard deviation of the slope of the road that an object follows."""
 
 DRIFT_SIGMA_M = 0.01
 """Standard deviation of the change of z over a metre that the rig moves, metres; it grows as in a random walk."""
@@ -30,6 +33,21 @@ def underside_variances(point_counts: I32) -> F64:
 def climb_variances(objects_m: F64, rig_m: F64) -> F64:
     """(N,) variances of the change of z while objects (N,) and the rig (N,) move so far, metres."""
     return np.asarray(SLOPE_SIGMA_M**2 * objects_m + DRIFT_SIGMA_M**2 * rig_m)
+
+
+def road_heights(courses: Courses, are_seen: Bools, z_m: F64, variances: F64, objects_m: F64) -> F64:
+    """(N,) rise of all cells since the first of their track, on a road of even slope, by weighted least squares.
+
+    The arguments are those of `smoothed_undersides` and `climb_variances`; a random walk alone lags on a slope.
+    """
+    tracks = courses.cell_tracks
+    path_m = np.cumsum(objects_m)
+    path_m -= path_m[courses.starts[:-1]][tracks]
+    weights = are_seen / (FRAME_CORRELATION * variances)
+    total = np.bincount(tracks, weights)
+    along_m, rise_m = (values - (np.bincount(tracks, weights * values) / total)[tracks] for values in (path_m, z_m))
+    information = np.bincount(tracks, weights * along_m**2) + 1 / ROAD_SLOPE**2
+    return np.asarray((np.bincount(tracks, weights * along_m * rise_m) / information)[tracks] * path_m)
 
 
 def smoothed_undersides(courses: Courses, are_seen: Bools, z_m: F64, variances: F64, climbs: F64) -> F64:

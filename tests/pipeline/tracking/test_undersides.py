@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidcam.pipeline.tracking.smoothing import Courses
-from lidcam.pipeline.tracking.undersides import climb_variances, smoothed_undersides, underside_variances
+from lidcam.pipeline.tracking.undersides import climb_variances, road_heights, smoothed_undersides, underside_variances
 
 
 def courses(firsts: list[int], lasts: list[int]) -> Courses:
@@ -44,9 +44,15 @@ def test_a_parked_car_is_as_high_far_away_as_near() -> None:
     assert found.max() < 0.05
 
 
-def test_what_drives_uphill_is_followed() -> None:
-    z_m = 0.05 * np.arange(30.0)
-    climbs = climb_variances(np.ones(30), np.zeros(30))
-    variances = underside_variances(np.full(30, 1000, np.int32))
-    found = smoothed_undersides(courses([0], [29]), np.ones(30, np.bool_), z_m, variances, climbs)
-    assert found == pytest.approx(z_m, abs=0.11)
+@pytest.mark.parametrize(("points", "slope"), [(1000, 0.05), (40, -0.08), (40, 0.0)])
+def test_what_drives_uphill_is_followed_to_both_ends(points: int, slope: float) -> None:
+    """One track that drives, and one that stands on the same road and is seen a little higher from afar."""
+    tracks, are_seen = courses([0, 0], [49, 49]), np.ones(100, np.bool_)
+    variances = underside_variances(np.full(100, points, np.int32))
+    objects_m = np.concatenate([np.full(50, 0.6), np.zeros(50)])
+    z_m = np.concatenate([slope * 0.6 * np.arange(50.0), np.linspace(0.0, 0.1, 50)])
+    road_m = road_heights(tracks, are_seen, z_m, variances, objects_m)
+    climbs = climb_variances(objects_m, np.zeros(100))
+    found = road_m + smoothed_undersides(tracks, are_seen, z_m - road_m, variances, climbs)
+    assert found[:50] == pytest.approx(z_m[:50], abs=0.03)
+    assert not road_m[50:].any()
