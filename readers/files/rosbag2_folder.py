@@ -72,6 +72,8 @@ def _hint(folder: Path) -> str:
     """The kind of a folder without recordings, and what to do."""
     below = {one.name for level in ("*", "*/*", "*/*/*") for one in islice(folder.glob(level), MAX_LOOKED_AT)}
     names = below.union(folder.absolute().parts[-2:])
+    if "LIDAR_TOP" in names:
+        return "found nuScenes: nuscenes2mcap (github.com/foxglove/nuscenes2mcap) makes an .mcap of each scene"
     if names & KITTI_RAW:
         return "found a drive of KITTI's raw data: `kitti2mcap` (pip install kitti2mcap) makes an .mcap of it"
     if names & KITTI_OTHERS:
