@@ -13,6 +13,7 @@ from typing import BinaryIO
 
 from lidcam.pipeline.core.errors import RecordingError
 from lidcam.pipeline.core.messages import RawMessage
+from lidcam.pipeline.core.small_files import LFS_POINTER, LFS_REMEDY
 from lidcam.readers.files.container import Source
 from lidcam.readers.files.copies import completed, journals_of, unpacked, whole_pages
 from lidcam.readers.files.damage import DamageError, Losses, library_errors
@@ -38,7 +39,7 @@ SQLITE_MAGIC = b"SQLite format 3\0"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 OTHER_KINDS = {
-    b"version https://git-lfs": "a Git LFS pointer in place of the file; fetch it with `git lfs pull`",
+    LFS_POINTER: LFS_REMEDY,
     b"\x1f\x8b": "a file compressed with gzip; unpack it with `gunzip --keep`",
     b"BZh": "a file compressed with bzip2; unpack it with `bunzip2 --keep`",
     b"\xfd7zXZ\0": "a file compressed with xz; unpack it with `unxz --keep`",
@@ -49,6 +50,9 @@ OTHER_KINDS = {
 
 OSF_MARK = b"OSF$"
 """Name of the header of Ouster's format, behind two numbers (ouster-sdk, ouster_osf/fb/header.fbs)."""
+
+TAR_MARK_AT = 257
+"""Bytes before the mark of a tar archive."""
 
 MAX_OVERLAP_NS = 500_000_000
 """Longest time over which two parts of one recording overlap: messages on their way come with the next part."""
@@ -327,7 +331,7 @@ def _file_of_kind(source: Source, path: Path, content: Path, stream: BinaryIO, m
 
 
 def _first_bytes(stream: BinaryIO) -> bytes:
-    magic = stream.read(64)
+    magic = stream.read(512)
     stream.seek(0)
     return magic
 
@@ -339,6 +343,8 @@ def _other_kind(magic: bytes) -> str:
             "an Ouster recording (OSF); save it as a .pcap with `ouster-cli source FILE.osf save FILE.pcap`, and read "
             "that, with the JSON that is saved beside it"
         )
+    if magic[TAR_MARK_AT:].startswith(b"ustar"):
+        return "a tar archive; unpack it with `tar -xf`"
     return next((words for start, words in OTHER_KINDS.items() if magic.startswith(start)), "")
 
 

@@ -11,6 +11,9 @@ from stat import S_ISREG
 from lidcam.pipeline.core.errors import LidcamError
 from lidcam.pipeline.core.system import NO_WAIT
 
+LFS_POINTER, LFS_REMEDY = b"version https://git-lfs", "a Git LFS pointer in its place; fetch it with `git lfs pull`"
+"""First bytes of what Git leaves in the place of a large file that was not fetched, and what to do."""
+
 
 @contextmanager
 def open_regular(path: Path, flags: int = 0) -> Iterator[BufferedReader]:
@@ -47,7 +50,10 @@ def read_small_text(path: Path, max_bytes: int, expected: str, error: type[Lidca
         LidcamError: (`error`) it cannot be read, is no regular file, is larger or no UTF-8; one line that names it.
     """
     try:
-        return read_small_file(path, max_bytes).decode("utf-8-sig")  # some editors begin a file with a mark
+        data = read_small_file(path, max_bytes)
+        if data.startswith(LFS_POINTER):
+            raise error(f"{path}: expected {expected}, found {LFS_REMEDY}")
+        return data.decode("utf-8-sig")  # some editors begin a file with a mark
     except FileNotFoundError as err:
         raise error(f"{path}: expected {expected}, found no such file") from err
     except UnicodeDecodeError as err:

@@ -185,11 +185,16 @@ def assert_refused(paths: Sequence[Path], *parts: str) -> None:
         (
             "drive.mcap",
             b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n",
-            "a Git LFS pointer in place of the file; fetch it with `git lfs pull`",
+            "a Git LFS pointer in its place; fetch it with `git lfs pull`",
         ),
         ("drive.bag.gz", gzip.compress(b"#ROSBAG V2.0\n", mtime=0), "gzip; unpack it with `gunzip --keep`"),
         ("drive.bag.bz2", bz2.compress(b"#ROSBAG V2.0\n"), "bzip2; unpack it with `bunzip2 --keep`"),
         ("drive.bag.xz", lzma.compress(b"#ROSBAG V2.0\n"), "xz; unpack it with `unxz --keep`"),
+        (
+            "drive.tar",
+            b"drive/drive.mcap".ljust(257, b"\0") + b"ustar\x0000",
+            "a tar archive; unpack it with `tar -xf`",
+        ),
         ("drive.zip", b"PK\3\4\x14\0", "a zip archive; unpack it"),
         ("out.rrd", b"RRF2\0\1\0\0", "a Rerun recording, which is for viewing"),
         ("drive.osf", b"\x34\0\0\0\x14\0\0\0OSF$\x0c", "an Ouster recording (OSF); save it as a .pcap"),
@@ -209,7 +214,11 @@ def test_paths_without_a_recording(tmp_path: Path) -> None:
     assert_refused([tmp_path / "nope.bag"], "no such file or folder", ".mcap")
     assert_refused([tmp_path / (300 * "x")], "cannot be read: File name too long")
     assert_refused([tmp_path], "expected a ROS 2 bag folder", "found none")
-    for folder, says in (("training/velodyne", "frames of KITTI"), ("2011_09_26/velodyne_points", "`kitti2mcap`")):
+    for folder, says in (
+        ("training/velodyne", "frames of KITTI"),
+        ("2011_09_26/velodyne_points", "`kitti2mcap`"),
+        ("samples/LIDAR_TOP", "nuscenes2mcap"),
+    ):
         (tmp_path / folder / "data").mkdir(parents=True)
         for path in (tmp_path, tmp_path.parent, tmp_path / folder / "data"):
             assert_refused([path], "expected a ROS 2 bag folder", says)

@@ -15,6 +15,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import Array
 from lidcam.pipeline.core.errors import ModelError, is_short_memory
 from lidcam.pipeline.core.settings.detect import Provider
+from lidcam.pipeline.core.small_files import LFS_POINTER, LFS_REMEDY
 from lidcam.pipeline.core.text import one_line
 from lidcam.pipeline.detectors.onnx.free_size import free_size
 from lidcam.pipeline.detectors.onnx.inputs import Value
@@ -26,9 +27,6 @@ MAX_BATCH_BYTES = 1 << 29
 MAX_CHANGED_BYTES = 1 << 29
 """Maximum size of a file whose input is made free, which is in memory three times meanwhile; the largest YOLOX has
 400 MB."""
-
-LFS_POINTER = b"version https://git-lfs"
-"""First bytes of what Git leaves in the place of a large file that was not fetched."""
 
 WEIGHTS_FOLDER = "session.model_external_initializers_file_folder_path"
 
@@ -109,7 +107,7 @@ class OnnxSession:
                 raise
             with path.open("rb") as stream:
                 is_pointer = stream.read(len(LFS_POINTER)) == LFS_POINTER
-            found = "a Git LFS pointer in its place; fetch it with `git lfs pull`" if is_pointer else one_line(err)
+            found = LFS_REMEDY if is_pointer else one_line(err)
             raise ModelError(f"{path}: expected an ONNX file that onnxruntime can load: {found}") from err
         check_runs_on(self.provider, self._session.get_providers())
         self.inputs: list[Value] = [(value.name, value.shape, value.type) for value in self._session.get_inputs()]

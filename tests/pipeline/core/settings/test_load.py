@@ -36,6 +36,7 @@ def test_every_shipped_config_loads(path: Path) -> None:
         ("sync: {queue_size: 0}", r"sync.queue_size: expected at least 1, found 0"),
         ("- a\n- b", r"expected a mapping of sections, found list"),
         ("a: [", r"not YAML"),
+        ("version https://git-lfs.github.com/spec/v1\noid", r"expected a YAML file, found a Git LFS pointer"),
     ],
 )
 def test_wrong_file_gets_one_line_that_helps(tmp_path: Path, text: str, message: str) -> None:
