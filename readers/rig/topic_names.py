@@ -6,6 +6,7 @@ A topic splits into a place (namespace and the rest of the last part) and a role
     /camera/image_raw      /camera/camera_info                        place: camera
     /image_raw_11          /camera_info_11      /detections_11        place: cam11
     /cam11/image/compressed  /cam11/camera_info  /cam11/detections    place: cam11
+    /left/image_rect_color   /left_raw/image_raw_color                place: left
 """
 
 import re
@@ -23,6 +24,9 @@ ROLE_WORDS = frozenset(
         *("points", "pointcloud", "pointcloud2", "cloud", "scan", "packets"),
     }
 )
+RECTIFICATION = frozenset({"raw", "rect", "rectified"})
+"""Role words of namespaces, too."""
+
 NOT_IMAGES = frozenset(
     {"depth", "disparity", "mask", "masks", "label", "labels", "segmentation", "semantic", "confidence"}
     | {"compresseddepth"}
@@ -67,8 +71,12 @@ def place(topic: str) -> tuple[str, ...]:
 
 def _parts(topic: str) -> tuple[str, ...]:
     *spaces, last = [part for part in transport_free(topic).removesuffix("lidar_packets").split("/") if part] or [""]
-    left = "_".join(word for word in last.split("_") if word.lower() not in ROLE_WORDS)
-    return (*spaces, left) if left else tuple(spaces)
+    left = [*(_without(RECTIFICATION, space) for space in spaces), _without(ROLE_WORDS, last)]
+    return tuple(filter(None, left))
+
+
+def _without(words: frozenset[str], part: str) -> str:
+    return "_".join(word for word in part.split("_") if word.lower() not in words)
 
 
 def pair_score(topic: str, other: str, *, same_frame: bool) -> tuple[int, int, int]:

@@ -485,6 +485,13 @@ def test_one_camera_is_taken_once_and_raw() -> None:
     ("messages", "name"),
     [
         ([compressed("/cam11/image/compressed", "cam"), info("/cam11/camera_info", "cam")], "cam11"),
+        (
+            [
+                *(image_message("/zed/left/image_rect_color", "cam"), info("/zed/left/camera_info", "cam")),
+                *(image_message("/zed/left_raw/image_raw_color", "cam"), info("/zed/left_raw/camera_info", "cam")),
+            ],
+            "zed_left",
+        ),
         ([image_message("/webcam", ""), info("/calibration", "cam")], "webcam"),  # one of each: they belong together
     ],
 )
