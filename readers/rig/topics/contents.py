@@ -194,8 +194,8 @@ def image_sources(
         frame, other = first.frame(pair.topic, IMAGE), first.frame(pair.sensor, IMAGE)
         if frame != other and (has_info(pair.topic) or (frame and other)):  # cameras that are triggered together
             return False
-        if pair.is_stamped and has_info(pair.sensor) and not has_info(pair.topic) and frame == other != "":
-            return True
+        if pair.is_stamped and has_info(pair.sensor) and not has_info(pair.topic) and other and frame in {"", other}:
+            return True  # nodes that draw often leave the frame out, drivers do not
         made, image = contents.at(pair.topic, pair.log_ns), contents.at(pair.sensor, pair.sensor_log_ns)
         is_of_size = first.image_size(pair.topic, IMAGE) == first.image_size(pair.sensor, IMAGE)
         least = MIN_COPY if has_info(pair.topic) and is_of_size else MIN_PATTERN  # stereo cameras share a frame
