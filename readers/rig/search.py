@@ -95,7 +95,13 @@ def find_sensors(
         if not of_lidars.faults:
             raise RecordingError(_no_clouds(recording, config, of_detectors))
     camera_topics = find_camera_topics(
-        recording, config.topics, first, of_cameras, limits=config.limits, of_rig=named_topics
+        recording,
+        config.topics,
+        first,
+        of_cameras,
+        limits=config.limits,
+        lidar_frames={first.frame(lidar.topic, CLOUD) for lidar in lidars} - {""},
+        of_rig=named_topics,
     )
     taken = {lidar.name for lidar in lidars} | {"lidar", "fused"}
     cameras = assign_cameras(rig_file.cameras, camera_topics, recording, of_cameras, taken=taken)

@@ -144,6 +144,6 @@ def sensors_of(
     made = [topic for topic in sources if sources[topic] and topic not in of_rig]
     notes += [f"{topic}: made of {sources[topic]}, not used" for topic in sorted(made, key=natural_key)]
     sensors = sorted((topic for topic in sources if topic not in made), key=natural_key)
-    if made or was_choice:
+    if sensors and (made or was_choice):
         notes.append(f"{kind}: {', '.join(sensors)}; to choose others: --set 'topics.{kind}=[{','.join(sensors)}]'")
     return sensors

@@ -40,15 +40,17 @@ def find_camera_topics(
     findings: Findings,
     *,
     limits: RecordingLimits = DEFAULT_LIMITS,
+    lidar_frames: Collection[str] = (),
     of_rig: Collection[str] = (),
 ) -> list[CameraTopics]:
     """Cameras, in natural order or as configured; those with boxes but no images come last.
 
-    Images of the rig file (`of_rig`) were made of no others.
+    Images of the rig file (`of_rig`) were made of no others, nor of the points of lidars, as in `lidar_frames`.
     """
     notes = findings.notes
     calibrations = sorted(readable_topics(recording, CAMERA_INFO), key=natural_key)
     boxes = [info.topic for info in topics_with_messages(recording, BOXES, config) if not info.unreadable]
+    frames = {topic: first.frame(topic, CAMERA_INFO) for topic in calibrations}
     if config.cameras is not None:
         images = configured_topics(recording, config.cameras, IMAGE | BOXES, "camera", findings)
         named = [topic for topic in images if topic not in readable_topics(recording, IMAGE)]
@@ -57,18 +59,30 @@ def find_camera_topics(
         only_boxes_allowed = set(config.cameras)
         notes += [] if config.cameras else ["topics.cameras is empty: no camera is used"]
     else:
-        infos = readable(topics_with_messages(recording, IMAGE, config), "camera", findings)
+        recorded = readable(topics_with_messages(recording, IMAGE, config), "camera", findings)
+        frames |= {info.topic: first.frame(info.topic, IMAGE) for info in recorded}
+        infos = [
+            info
+            for info in recorded
+            if info.topic in of_rig
+            or frames[info.topic] not in lidar_frames
+            or _best(info.topic, calibrations, frames, single=len(recorded) == 1)
+        ]
+        notes += [
+            f"{info.topic}: without CameraInfo, in {frames[info.topic]}, the frame of a lidar, not used"
+            for info in recorded
+            if info not in infos
+        ]
         images = _one_per_camera(
             first_hand(infos, notes, lambda info: (1, MADE) if info.part_of else (0, "")), first, notes
         )
         places = {place(topic) for topic in calibrations}
         sources = image_sources(recording, images, first, limits, has_info=lambda topic: place(topic) in places)
-        images = sensors_of(sources, "cameras", notes, of_rig)
+        images = sensors_of(sources, "cameras", notes, of_rig, was_choice=infos != recorded)
         only_boxes_allowed = set(boxes)
 
-    frames = {topic: first.frame(topic, IMAGE) for topic in images}
+    frames |= {topic: first.frame(topic, IMAGE) for topic in images}
     frames |= {topic: first.frame(topic, BOXES) for topic in boxes}
-    frames |= {topic: first.frame(topic, CAMERA_INFO) for topic in calibrations}
     boxes_of: dict[str, str] = {}
     alone: list[str] = []
     for topic in boxes:

@@ -393,6 +393,16 @@ def resized(share: float) -> Made:
     return of_sweep
 
 
+def beside_a_bar(one: Sweep) -> Iterable[RawMessage]:
+    """Of ORB-SLAM3: with a line of text below."""
+    yield picture("/tracking_image", one, "", np.pad(drawn_on(one), ((0, 40), (0, 0), (0, 0))))
+
+
+def of_an_ouster(one: Sweep) -> Iterable[RawMessage]:
+    for topic in ("/ouster/range_image", "/ouster/signal_image"):
+        yield picture(topic, one, "velodyne", texture(100 + one.number)[:64])
+
+
 def right(frame: str, shift_px: int) -> Made:
     def of_sweep(one: Sweep) -> Iterable[RawMessage]:
         yield picture("/right/image_raw", one, frame, np.roll(texture(one.number), shift_px, 1))
@@ -409,6 +419,8 @@ def right(frame: str, shift_px: int) -> Made:
         (debug_image("cam", 150_000_000), ["camera"]),  # its node writes a stamp of its own
         (debug_image("", 150_000_000), ["camera"]),
         (colored_mask, ["camera"]),
+        (beside_a_bar, ["camera"]),
+        (of_an_ouster, ["camera"]),
         (resized(0.72), ["camera"]),
         (resized(0.25), ["camera"]),
         (right("cam", 1), ["camera", "right"]),  # frames of stereo pairs are that of the left camera
@@ -418,6 +430,7 @@ def right(frame: str, shift_px: int) -> Made:
 def test_the_cameras(made: Made, cameras: list[str]) -> None:
     found = discover([*recorded(made), camera_edge("velodyne", "cam_right")])
     assert [camera.name for camera in found.rig.cameras] == cameras
+    assert found.faults == ()
     assert found.faults == ()
     if len(cameras) == 1:
         assert found.notes[-1].endswith("--set 'topics.cameras=[/camera/image_raw]'")
