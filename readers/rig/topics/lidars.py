@@ -4,6 +4,7 @@ Topics made of other topics (combined clouds, maps, what nodes made of a sensor'
 those were not recorded.
 """
 
+import math
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from itertools import islice, pairwise
@@ -46,8 +47,11 @@ MADE_OF_OTHERS = "/point_cloud_combined", "/ground_cloud"
 MANY = 10
 """Messages of a topic, beside which a single one of another topic is no sensor's."""
 
-COMPARED_FRAMES = 4
-"""Messages at the start of a topic of clouds whose frames are compared."""
+COMPARED = 4
+"""Messages at the start of a topic of clouds whose frames, and numbers of points, are compared."""
+
+FEW_POINTS, FEW_OF_MOST = 500, 0.05
+"""Smallest number of points of a lidar's clouds beside larger ones, and smallest share of the largest cloud's."""
 
 MAX_RATE_HZ = 40.0
 """Maximum rate of whole sweeps; lidars turn up to 30 times per second."""
@@ -80,7 +84,7 @@ def find_lidar_topics(
     notes += filter(None, (note(recording, info) for note in (_piece_note, _frames_note) for info in infos))
     notes += undecoded(recording, (one for one in recording.topics if not is_excluded(one.topic, config)))
     before = len(notes)
-    chosen = first_hand(measured, notes, _hand_of_cloud(measured, first, transforms))
+    chosen = first_hand(measured, notes, _hand_of_cloud(recording, measured, first, transforms))
     unreadable = [info for info in recorded if info.unreadable]
     chosen = readable(_before_copies([*chosen, *unreadable], first, notes), "lidar", findings)
     sources = cloud_sources(recording, chosen, first, transforms)
@@ -108,7 +112,7 @@ def _piece_note(recording: Recording, info: TopicInfo) -> str:
 def _frames_note(recording: Recording, info: TopicInfo) -> str:
     """The note on clouds of several lidars on one topic, by the frames of the first few; empty if they have one."""
     frames: dict[str, None] = {}
-    for message in islice(recording.messages([info.topic]), COMPARED_FRAMES):
+    for message in islice(recording.messages([info.topic]), COMPARED):
         if message.channel.msgtype == "sensor_msgs/msg/PointCloud2":
             with suppress(MessageError):
                 frames[clean_frame(deserialize(message).header.frame_id)] = None
@@ -122,11 +126,20 @@ def _frames_note(recording: Recording, info: TopicInfo) -> str:
 
 
 def _hand_of_cloud(
-    infos: Sequence[TopicInfo], first: FirstMessages, transforms: RecordedTransforms
+    recording: Recording, infos: Sequence[TopicInfo], first: FirstMessages, transforms: RecordedTransforms
 ) -> Callable[[TopicInfo], tuple[int, str]]:
     """Clouds recorded by themselves, parts of combined messages, those made of others, computed ones, and maps."""
     frames = {info.topic: first.frame(info.topic, CLOUD) for info in infos}
     most = max((info.message_count for info in infos), default=0)
+    counts = {info.topic: math.prod(first.image_size(info.topic, CLOUD) or (0, 0)) for info in infos}
+    few = min(FEW_POINTS, FEW_OF_MOST * max(counts.values(), default=0))
+
+    def has_few_points(topic: str) -> bool:
+        if counts[topic] >= few or is_measured(topic, first):
+            return False
+        with suppress(MessageError):
+            return all(len(first.cloud(one)) < few for one in islice(recording.messages([topic]), COMPARED))
+        return False
 
     def hand(info: TopicInfo) -> tuple[int, str]:
         frame = frames[info.topic]
@@ -140,6 +153,8 @@ def _hand_of_cloud(
         for fields, whose in ((COMPUTED_FIELDS, "computed ones"), (RADAR_FIELDS, "a radar's")):
             if has_fields(info.topic, first, fields):
                 return 3, f"its fields are {whose}"
+        if has_few_points(info.topic):
+            return 3, f"fewer than {few:.0f} points in a cloud"
         return (2, MADE) if info.topic in MADE_OF_OTHERS else (1, MADE) if info.part_of else (0, "")
 
     return hand

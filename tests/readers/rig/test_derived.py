@@ -195,6 +195,11 @@ def of_a_radar(one: Sweep) -> Iterable[RawMessage]:
     yield cloud("/radar_front", one, one.xyz[:90], "radar", {"rcs": np.zeros(90), "vx_comp": np.zeros(90)}, shift_ns=7)
 
 
+def of_a_plain_radar(one: Sweep) -> Iterable[RawMessage]:
+    echoes = np.random.default_rng(one.number).uniform(-30, 30, (60 * (one.number % 3), 3))
+    yield cloud("/radar_front", one, echoes, "radar", {"intensity": np.zeros(len(echoes), np.float32)}, shift_ns=7)
+
+
 def maps(one: Sweep) -> Iterable[RawMessage]:
     if one.number == 3:
         yield cloud("/map", one, one.xyz, "map")
@@ -265,6 +270,7 @@ VELODYNE, LEFT, LINK = (
         (in_slam_origin, True, [VELODYNE], []),
         (of_a_stereo_camera, True, [VELODYNE], []),
         (of_a_radar, False, [VELODYNE, ("base_link", "radar", (3, 0, 0.5))], []),
+        (of_a_plain_radar, False, [VELODYNE, ("base_link", "radar", (3, 0, 0.5))], []),
         (maps, True, [VELODYNE], []),
         (beside("left"), True, [VELODYNE, LEFT], ["/left/points"]),
         (beside("velodyne"), True, [VELODYNE], ["/left/points"]),  # whose driver writes the same frame
