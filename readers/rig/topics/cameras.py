@@ -124,10 +124,11 @@ def _processing(info: TopicInfo) -> tuple[bool, bool, int]:
 
 
 def _is_depth(info: TopicInfo, first: FirstMessages) -> bool:
-    if info.msgtype.endswith("CompressedImage") or first.missing(info.topic, IMAGE):
+    if first.missing(info.topic, IMAGE):
         return False
-    encoding = getattr(first.decoded(info.topic, IMAGE), "encoding", "")  # FFMPEGPacket: of the video; of the image
-    return not DEPTH_ENCODINGS.isdisjoint(encoding.split(";"))
+    content = first.decoded(info.topic, IMAGE)
+    encoding = getattr(content, "encoding", "") or getattr(content, "format", "")
+    return not DEPTH_ENCODINGS.isdisjoint(encoding.split(";"))  # `16UC1; png compressed`; FFMPEGPacket: `hevc;16UC1`
 
 
 def _best(topic: str, others: Sequence[str], frames: dict[str, str], *, single: bool) -> str:

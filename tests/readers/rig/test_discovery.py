@@ -20,9 +20,9 @@ from lidcam.readers.rig.undecoded import UNDECODED
 OPTICAL = (-0.5, 0.5, -0.5, 0.5)  # REP 103: optical axes in a body frame
 
 
-def compressed(topic: str, frame: str) -> RawMessage:
+def compressed(topic: str, frame: str, encoding: str = "rgb8") -> RawMessage:
     data = cv2.imencode(".png", np.zeros((48, 64), np.uint8))[1].reshape(-1)
-    fields = {"header": header(5, frame), "format": "png", "data": data}
+    fields = {"header": header(5, frame), "format": f"{encoding}; png compressed", "data": data}
     return raw(topic, "sensor_msgs/msg/CompressedImage", fields, 5)
 
 
@@ -475,10 +475,11 @@ def test_one_camera_is_taken_once_and_raw() -> None:
         image_message("/camera/image_rect", "cam"),
         image_message("/camera/depth/image_raw", "cam"),
         image_message("/camera/range/image_raw", "cam", encoding="16UC1"),
+        compressed("/camera/tof/image_raw/compressed", "cam", "16UC1"),
         info("/camera/camera_info", "cam"),
     )
     assert [camera.topic for camera in found.rig.cameras] == ["/camera/image_raw"]
-    assert len(found.notes) == 4
+    assert len(found.notes) == 5
 
 
 @pytest.mark.parametrize(
