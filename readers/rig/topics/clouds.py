@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from lidcam.pipeline.core.arrays import F32, F64, I64
+from lidcam.pipeline.core.arrays import F32, F64, I64, Array
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
@@ -262,7 +262,7 @@ def _is_grid(made: F32, points: F32) -> bool:
 
 def _in_one(points: F32, cell_m: float) -> float:
     """Share of points in cells that have one already."""
-    return 1 - len(np.unique(_keys(points, cell_m))) / len(points)
+    return np.count_nonzero(np.diff(np.sort(_keys(points, cell_m))) == 0) / len(points)
 
 
 def _spread_m(points: F32) -> float:
@@ -282,7 +282,7 @@ def _shared_runs(made: PointCloud, cloud: PointCloud) -> float:
     if len(sample) < MIN_SAMPLED_RUNS:
         return 0.0
     keys, *known = (one.copy().view(np.uint32).astype(np.uint64) @ RUN_KEY for one in (sample, *of_cloud))
-    return float(np.isin(keys, np.concatenate(known)).mean())
+    return float(_is_among(keys, np.concatenate(known)).mean())
 
 
 def _not_among(made: PointCloud, cloud: PointCloud) -> float:
@@ -294,11 +294,18 @@ def _not_among(made: PointCloud, cloud: PointCloud) -> float:
 
 def _found(points: F32, others: F32, cell_m: float) -> float:
     """Share of points (N, 3) with one of the others (M, 3) in the same cell, or in one beside it."""
+    if not len(points) or not len(others):
+        return 0.0
     sample = points[:: max(len(points) // SAMPLED, 1)]
-    cells = np.unique(_keys(others, cell_m))
     beside = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3), -1).reshape(-1, 3)
     sought = _keys(sample[:, None] + cell_m * beside, cell_m)
-    return float(np.isin(sought, cells).any(1).mean())
+    return float(_is_among(sought, _keys(others, cell_m)).any(1).mean())
+
+
+def _is_among(sought: Array, known: Array) -> Array:
+    """Whether numbers are among others, of which there is at least one; `np.isin` takes ten times as long."""
+    in_order = np.sort(known)
+    return np.asarray(in_order.take(np.searchsorted(in_order, sought), mode="clip") == sought)
 
 
 def _keys(points: F32 | F64, cell_m: float) -> I64:

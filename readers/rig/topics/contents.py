@@ -30,8 +30,8 @@ ENOUGH = 6
 LAST = 3
 """Number of the sensor's last messages of which a message with a stamp of its own may have been made."""
 
-MAX_COMPARED = 40
-"""Largest number of topics that are compared with one another; a robot with everything on has twenty."""
+MAX_COMPARED = 200
+"""Largest number of topics that are compared; a vehicle with eight lidars and all of Autoware has eighty of clouds."""
 
 MIN_EQUAL_SHARE = 0.8
 """Smallest share of a topic's stamps that the sensor's topic has, too."""

@@ -172,6 +172,11 @@ def in_a_grid(one: Sweep) -> Iterable[RawMessage]:
     yield cloud("/downsampled", one, thinned(one.xyz, 0.1), "velodyne")
 
 
+def in_many_steps(one: Sweep) -> Iterable[RawMessage]:
+    """Of each of several lidars, Autoware has eight clouds."""
+    return (cloud(f"/step_{number}/points", one, one.xyz[number::20], "velodyne") for number in range(44))
+
+
 def stamped(frame: str, shift_ns: int | None) -> Made:
     """Obstacles whose node writes a stamp of its own, or none."""
 
@@ -264,6 +269,7 @@ VELODYNE, LEFT, LINK = (
         (autoware, True, [VELODYNE], []),
         (in_its_frame, False, [], []),
         (in_a_grid, False, [], []),
+        (in_many_steps, False, [], []),
         (stamped("velodyne", 130_000_000), False, [], []),
         (stamped("base_link", None), False, [("base_link", "velodyne", (0, 0, 0))], []),
         (stamped("", None), True, [], []),
