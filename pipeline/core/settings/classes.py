@@ -82,7 +82,7 @@ ROAD_CLASSES = (
         name="truck",
         size_m=(8.0, 2.5, 3.2),
         max_size_m=(16.0, 3.2, 4.2),
-        kinds_m=((5.5, 2.0, 2.4), (13.5, 2.55, 3.6)),
+        kinds_m=((5.5, 2.0, 2.4), (13.5, 2.5, 3.2)),
         frequency=0.2,
         labels=(
             "truck", "van", "4", "5", "trailer", "construction_vehicle", "vehicle.truck", "vehicle.trailer",
