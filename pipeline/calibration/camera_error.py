@@ -151,6 +151,7 @@ def camera_error(
         config: Outline of objects and uncertainty of boxes.
         free: (7,) values that may differ from zero; None: all.
     """
+    pairs = pairs.select(_Fit(pairs, camera, lidar_xyz, config).are_whole())
     groups = np.stack([pairs.tracks, _seen_sides(pairs)], 1)
     if not _has_enough(groups):
         return None
@@ -243,6 +244,11 @@ class _Fit:
         covariances[:, 5, 6] = covariances[:, 6, 5] = height / 2
         covariances[:, 6, 6] = height / 4 + (GROUND_SIGMA * pairs.sizes[:, 2]) ** 2
         return covariances
+
+    def are_whole(self) -> Bools:
+        """(P,) whether the image shows all of each object: the 2D box of a part may end short of its border."""
+        edges, _, valid = self._predicted(np.zeros(7))
+        return np.asarray(valid & (edges >= 0).all(1) & (edges <= self._cameras.limits).all(1))
 
     def whitened(self, values: F64) -> tuple[F64, F64, Bools]:
         """Whitened residuals of the 2D boxes.

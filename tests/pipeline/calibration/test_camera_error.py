@@ -75,6 +75,21 @@ def test_wrong_matches_do_little_harm() -> None:
     assert abs(found.values[1] - DEGREE) < 0.25 * DEGREE
 
 
+def test_objects_that_the_border_cuts_are_left_out_though_their_boxes_end_short_of_it() -> None:
+    model = CAMERA.model
+    camera = replace(CAMERA, model=replace(model, width_px=model.width_px * 5 // 8))
+    frames = passing(seed=3, tracks=12, camera=camera)
+    for result in frames:
+        boxes = result.detections.cameras["cam"]
+        boxes.xyxy.flags.writeable = True
+        boxes.xyxy[:, 2] = boxes.xyxy[:, 2].clip(max=camera.model.width_px - 8)
+    pairs = join_rows(*(pairs for frame in frames for _, pairs in tracked_pairs(frame)))
+    found = camera_error(pairs, camera, LIDAR_XYZ, FuseConfig())
+    assert found is not None
+    assert found.pairs < len(pairs)
+    assert (np.abs(found.values) < 3 * found.sigmas).all()
+
+
 def test_noise_of_the_sides_is_learned_beside_that_of_top_and_bottom() -> None:
     frames, random = passing(seed=2, tracks=12), np.random.default_rng(5)
     for result in frames:
