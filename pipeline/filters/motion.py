@@ -6,8 +6,7 @@ In motion compensation the scene is assumed static in the fixed frame; moving ob
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F32, I64
-from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
-from lidcam.pipeline.core.geometry.poses import interpolate_poses
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples, interpolate_poses
 from lidcam.pipeline.native.kernels import moved_each
 
 STEP_NS = 1_000_000

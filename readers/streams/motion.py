@@ -13,8 +13,7 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64
 from lidcam.pipeline.core.errors import ConfigError, FrameError, MessageError
-from lidcam.pipeline.core.geometry.pose_samples import PoseSamples
-from lidcam.pipeline.core.geometry.poses import interpolate_poses
+from lidcam.pipeline.core.geometry.pose_samples import PoseSamples, interpolate_poses
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.messages import Drop, RawMessage, time_fault
 from lidcam.pipeline.core.rig import Rig
@@ -59,9 +58,8 @@ class MotionSource(NamedTuple):
     # else the name of the frame that moves in its parent
     links: tuple[Transform | str, ...]
     offset_ns: int = 0  # Offset of the stamps of odometry whose clock was not set
-    is_stamped: bool = (
-        True  # Whether its messages have stamps, as those of odometry; those of tf have one per transform
-    )
+    # Whether its messages have stamps, as those of odometry; those of tf have one per transform
+    is_stamped: bool = True
 
 
 def find_motion_source(

@@ -8,7 +8,7 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import ConfigError, FrameError, MessageError, RecordingError
-from lidcam.pipeline.core.geometry.poses import interpolate_poses
+from lidcam.pipeline.core.geometry.pose_samples import interpolate_poses
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import TruthVehicle
 from lidcam.pipeline.core.settings.config import Config
