@@ -6,7 +6,8 @@ Decoding runs on one thread: the same packets give the same images.
 """
 
 import re
-from typing import Any
+from collections import deque
+from typing import Any, NamedTuple
 
 import av
 import cv2
@@ -14,13 +15,12 @@ import numpy as np
 from av.codec.context import Flags
 
 from lidcam.pipeline.core.errors import MessageError, is_short_memory
-from lidcam.pipeline.core.messages import Channel, RawMessage, time_fault
+from lidcam.pipeline.core.messages import Channel, RawMessage, VideoPart, time_fault
 from lidcam.pipeline.core.ros.messages import ROS2
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.pipeline.core.text import one_line
 from lidcam.readers.messages.image import COMPRESSED_IMAGE
-from lidcam.readers.video.kept import KeptPackets
-from lidcam.readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VideoPacket, read_packet
+from lidcam.readers.video.packets import AFTER_DAMAGE, BEFORE_KEY_FRAME, VideoPacket, begins_video, read_packet
 
 _PARAMETERS = re.compile(rb"\x00\x00\x01[\x07\x27\x47\x67]")
 _SLICE = re.compile(rb"\x00\x00\x01[\x01\x05\x21\x25\x41\x45\x61\x65]")
@@ -104,6 +104,62 @@ def _frame_num_digits(bits: _Bits) -> int | None:
     bits.skip_codes(1)  # max_num_ref_frames
     allows_gaps = bits.read(1)
     return None if allows_gaps or digits > 16 else digits
+
+
+MAX_KEPT_BYTES = 64 << 20
+"""Bytes of packets of one video that wait for a frame; beyond these, packets are kept from the next key frame on."""
+
+
+class _Kept(NamedTuple):
+    image: tuple[object, ...]  # Of which image the packet is
+    codec: str
+    data: bytes
+    begins: bool  # Whether a viewer can begin with it
+
+
+class KeptPackets:
+    """The decoded packets of one video since the last one that went with a frame, for viewers that decode video."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[_Kept] = deque()
+        self._bytes = 0
+        self._goes_on, self._is_in_order = False, True
+
+    def add(self, packet: VideoPacket, message: RawMessage) -> None:
+        """Keep a packet whose image is decoded, unless one before it is missing."""
+        begins = begins_video(packet)
+        self._goes_on |= begins and self._is_in_order
+        if self._goes_on:
+            self._waiting.append(_Kept(_image_of(message), packet.codec, packet.data.tobytes(), begins))
+            self._bytes += len(packet.data)
+        if self._bytes > MAX_KEPT_BYTES:
+            self._waiting.clear()
+            self._bytes, self._goes_on = 0, False
+
+    def interrupt(self) -> None:
+        """Take note that a packet is missing: none is kept before the next with which a viewer can begin."""
+        self._goes_on = False
+
+    def give_up(self) -> None:
+        """Take note that images are not in the order of their packets, which no viewer is told of: none is kept."""
+        self._goes_on = self._is_in_order = False
+        self._waiting.clear()
+
+    def take(self, message: RawMessage) -> VideoPart | None:
+        """The packets up to that of an image, from the last that a viewer can begin with; None if that is missing."""
+        image = _image_of(message)
+        if all(kept.image != image for kept in self._waiting):
+            return None
+        taken: list[_Kept] = []
+        while not taken or taken[-1].image != image:
+            kept = self._waiting.popleft()
+            self._bytes -= len(kept.data)
+            taken = [kept] if kept.begins else [*taken, kept]
+        return VideoPart(taken[-1].codec, tuple(kept.data for kept in taken))
+
+
+def _image_of(message: RawMessage) -> tuple[object, ...]:
+    return message.log_time_ns, message.order  # stamps are corrected where a clock is off
 
 
 MAX_PIXELS = 1 << 25

@@ -189,7 +189,7 @@ def test_other_codecs_have_packets_too(kind: str) -> None:
 
 
 def test_packets_that_wait_in_vain_do_not_pile_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidcam.readers.video.kept.MAX_KEPT_BYTES", len(PACKETS[0].data))
+    monkeypatch.setattr("lidcam.readers.video.decoder.MAX_KEPT_BYTES", len(PACKETS[0].data))
     first, last = bundled([m._replace(order=(0, n)) for n, m in enumerate(FILM)], COUNT - 2)
     assert not first.video
     assert last.video[TOPIC].packets == tuple(packet.data for packet in PACKETS[2 * GOP : COUNT - 1])
