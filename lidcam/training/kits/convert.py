@@ -20,7 +20,7 @@ from lidcam.pipeline.core.settings.bounded_yaml import MAX_YAML_BYTES, parse_yam
 from lidcam.pipeline.core.small_files import read_small_text
 from lidcam.pipeline.core.text import one_line
 from lidcam.pipeline.detectors.pillars.kits import KEY, KIT_INPUTS, KIT_OUTPUTS, KitSpecs
-from lidcam.training.kits.graph import Weights, add_network
+from lidcam.training.kits.graph import add_network
 from lidcam.training.kits.mmdet3d import mmdet3d_model
 from lidcam.training.kits.model import Data
 from lidcam.training.kits.openpcdet import openpcdet_model
@@ -172,12 +172,11 @@ def converted(network: Path, config: Path | None, given: Data) -> tuple[bytes, K
     checkpoint = read_checkpoint(network)
     if config is None and not checkpoint.config:
         raise ModelError(f"{network}: holds no configuration: give --config FILE")
-    source, graph, weights = config or network, Graph(), Weights(checkpoint.weights)
+    source, graph = config or network, Graph()
     content = read_config(source, "" if config else checkpoint.config)
     with _named(source):
         model = openpcdet_model(content, given) if "MODEL" in content else mmdet3d_model(content, given)
-        add_network(graph, model, weights)
-        weights.check_none_left()
+        add_network(graph, model, checkpoint.weights)
     specs = model.specs
     inputs = (KIT_INPUTS[0], FLOAT, ("points", len(specs.features))), (KIT_INPUTS[1], INT64, ("points", 1))
     outputs = (KIT_OUTPUTS[0], FLOAT, ("boxes", 8)), (KIT_OUTPUTS[1], FLOAT, ("boxes", len(specs.classes)))

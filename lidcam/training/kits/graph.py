@@ -21,15 +21,11 @@ class Weights:
     """Gives each layer its weights, and keeps track of those that no layer took."""
 
     def __init__(self, weights: Mapping[str, F64]) -> None:
-        self._left = {name: array for name, array in weights.items() if name.rpartition(".")[2] not in COUNTERS}
+        self.left = {name: array for name, array in weights.items() if name.rpartition(".")[2] not in COUNTERS}
 
     def take(self, name: str, *shape: int) -> F64:
-        """Weights by name.
-
-        Raises:
-            ModelError: they are missing, or have another shape.
-        """
-        found = self._left.pop(name, None)
+        """Weights by name; raises ModelError if they are missing, or have another shape."""
+        found = self.left.pop(name, None)
         if found is None or found.shape != shape:
             other = "none" if found is None else f"{found.shape}"
             raise ModelError(f"expected weights {name} {shape} in the checkpoint, found {other}")
@@ -38,17 +34,9 @@ class Weights:
     def take_folded(
         self, pair: tuple[str, str], shape: tuple[int, ...], eps: float, *, axis: int = 0, has_bias: bool = False
     ) -> tuple[F64, F64]:
-        """Weights and bias of a layer with its normalisation folded in.
+        """Weights and bias of a layer with the normalisation folded in that is named after it in `pair`; see `take`.
 
-        Args:
-            pair: Names of the layer and of the normalisation.
-            shape: Shape of the layer's weights.
-            eps: Epsilon of the normalisation.
-            axis: Axis of the layer's outputs.
-            has_bias: Whether the layer has a bias.
-
-        Raises:
-            ModelError: as `take`.
+        `shape` is that of the layer's weights, `axis` that of its outputs, `eps` that of the normalisation.
         """
         layer, norm = pair
         count = shape[axis]
@@ -61,16 +49,6 @@ class Weights:
         along = [-1 if one == axis else 1 for one in range(len(shape))]
         return weight * scale.reshape(along), shift + (bias - mean) * scale
 
-    def check_none_left(self) -> None:
-        """Check that layers took all weights.
-
-        Raises:
-            ModelError: some are left.
-        """
-        if self._left:
-            some = ", ".join([*self._left][:4])
-            raise ModelError(f"expected no other weights in the checkpoint, found {len(self._left)}: {some}")
-
 
 class Image(NamedTuple):
     """Name of a value (1, channels, rows, columns), and its channels."""
@@ -79,23 +57,27 @@ class Image(NamedTuple):
     channels: int
 
 
-def add_network(graph: Graph, model: KitModel, weights: Weights) -> None:
-    """Add all nodes of a network, with the outputs `KIT_OUTPUTS`.
+def add_network(graph: Graph, model: KitModel, given: Mapping[str, F64]) -> None:
+    """Add all nodes of a network with weights by name, with the outputs `KIT_OUTPUTS`.
 
     Raises:
-        ModelError: its parts do not fit together.
+        ModelError: its parts do not fit together, or the weights are others than its layers need.
     """
-    image, head, name = _backbone(graph, model, weights, _encoded(graph, model, weights)), model.head, model.names.head
+    weights, head = Weights(given), model.head
+    image = _backbone(graph, model, weights, _encoded(graph, model, weights))
     if isinstance(head, CenterHead):
         _add_center_boxes(graph, model, head, weights, image)
-        return
-    layers = {"conv_cls": len(model.specs.classes), model.names.boxes: head.code, "conv_dir_cls": head.directions}
-    rows = [
-        _rows(graph, weights, f"{name}.{layer}", image, len(head.anchors), numbers, 1)
-        for layer, numbers in layers.items()
-        if numbers
-    ]
-    _add_anchor_boxes(graph, model, head, *rows)
+    else:
+        layers = {"conv_cls": len(model.specs.classes), model.names.boxes: head.code, "conv_dir_cls": head.directions}
+        rows = [
+            _rows(graph, weights, f"{model.names.head}.{layer}", image, len(head.anchors), numbers, 1)
+            for layer, numbers in layers.items()
+            if numbers
+        ]
+        _add_anchor_boxes(graph, model, head, *rows)
+    if weights.left:
+        some = ", ".join([*weights.left][:4])
+        raise ModelError(f"expected no other weights in the checkpoint, found {len(weights.left)}: {some}")
 
 
 def _add_anchor_boxes(
