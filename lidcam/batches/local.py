@@ -17,8 +17,7 @@ from threading import Lock
 from typing import BinaryIO, TypeVar
 
 from lidcam.batches.records import JobRecord
-from lidcam.pipeline.core.system import free_memory_mib
-from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES, usable_cores
+from lidcam.pipeline.parallel.cores import THREADS_OF_LIBRARIES
 from lidcam.readers.location import Location
 from lidcam.run.job import Job
 
@@ -173,8 +172,3 @@ def _ended_with_parent() -> Callable[[], object]:
     """A function that has this process get SIGTERM when the thread ends that forked it: prctl(2), PR_SET_PDEATHSIG."""
     prctl = ctypes.CDLL(None).prctl  # found before the fork, after which no lock of the loader may be waited for
     return lambda: prctl(1, int(signal.SIGTERM))
-
-
-def jobs_that_fit(count: int) -> int:
-    """The number of jobs, of `count`, that cores and memory have room for at once."""
-    return max(min(count, usable_cores(), free_memory_mib() // JOB_MIB), 1)

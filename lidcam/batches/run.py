@@ -17,12 +17,13 @@ import cv2
 import numpy as np
 
 from lidcam.batches.jobs import INDEX, BatchJob, find_jobs
-from lidcam.batches.local import Engine, LocalEngine, Task, jobs_that_fit
+from lidcam.batches.local import JOB_MIB, Engine, LocalEngine, Task
 from lidcam.batches.ray import RayEngine
 from lidcam.batches.records import BatchResult, JobRecord, job_key, totals_line
 from lidcam.batches.store import TABLE, LocalFiles, Store, records_table
 from lidcam.outputs.registry import endings_of
 from lidcam.pipeline.core.errors import ConfigError, OutputError, RecordingError
+from lidcam.pipeline.core.system import free_memory_mib
 from lidcam.pipeline.core.text import visible
 from lidcam.pipeline.parallel.cores import usable_cores
 from lidcam.readers.location import Location
@@ -196,7 +197,7 @@ def process_batch(
     if address is not None and engine != "ray":
         raise ConfigError("address: expected the engine ray with it")
     found = find_jobs(recordings, out)
-    at_once = min(jobs or jobs_that_fit(len(found)), len(found))
+    at_once = min(jobs or max(min(usable_cores(), free_memory_mib() // JOB_MIB), 1), len(found))
     job = make_job((), overwrite=overwrite, **options)  # settings, rig and network are checked once
     cores = job.config.run.workers or (1 if address else max(usable_cores() // at_once, 1))
     if job.config.run.workers is None:

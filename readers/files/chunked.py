@@ -125,7 +125,11 @@ class ChunkedFile(Container):
                         continue
                     heapq.heappush(queue, entry)
                     left[place.position] += 1
-                self._check_waiting(left)
+                if left.total() > self._limits.max_positions_waiting:
+                    raise RecordingError(
+                        f"{self.path}: more than {self._limits.max_positions_waiting} messages of chunks that overlap "
+                        "in time: rewrite it in the order of time, or raise limit_scale"
+                    )
                 continue
             last_ns = place.log_time_ns
             data = self._read_or_note(place)
@@ -137,14 +141,6 @@ class ChunkedFile(Container):
                 channel = self._channels[place.channel_id]
                 order = self._source.index, (place.chunk << 32) + place.offset
                 yield RawMessage(stamp_or_log_time(channel, data, last_ns), last_ns, order, data, channel)
-
-    def _check_waiting(self, left: Counter[int]) -> None:
-        """Refuse chunks whose overlap in time brings too many messages into memory."""
-        if left.total() > self._limits.max_positions_waiting:
-            raise RecordingError(
-                f"{self.path}: more than {self._limits.max_positions_waiting} messages of chunks that overlap in "
-                "time: rewrite it in the order of time, or raise limit_scale"
-            )
 
     def _entries_of(self, place: ChunkPlace) -> list[Entry]:
         """The messages of a chunk; none if it is damaged, which is noted."""

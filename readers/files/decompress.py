@@ -25,11 +25,6 @@ class Unpacked(NamedTuple):
     complete: bool
 
 
-def compression_of(first_bytes: bytes) -> str:
-    """The compression of data by their first bytes: `lz4`, `bz2`, or `none`."""
-    return next((name for magic, name in MAGICS.items() if first_bytes.startswith(magic)), "none")
-
-
 def check_chunk_size(size: int, largest: int) -> None:
     """Refuse a chunk that unpacks to `size` bytes; raises ValueError if this is more than `largest`."""
     if size > largest:

@@ -7,7 +7,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.detections import Boxes3D, Source
 from lidcam.pipeline.core.errors import MessageError
-from lidcam.pipeline.core.frame import Decoded, SensorBundle
+from lidcam.pipeline.core.frame import Decoded, SensorBundle, own_motion
 from lidcam.pipeline.core.geometry.posed_boxes import upright_boxes
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import RecordedDetector, Rig
@@ -55,17 +55,16 @@ class RecordedBoxes3D:
             MessageError: nothing joins the frames at that time.
             FrameError: the motion is that of a frame other than the site frame.
         """
-        motion = bundle.motion_of(self._rig.site_frame) if self._config.combine.motion.enabled else None
+        motion_config, site_frame = self._config.combine.motion, self._rig.site_frame
         if frame in detector.T_site_frame:
             T_site_frame = detector.T_site_frame[frame].matrix
-            if motion is None or stamp_ns == bundle.stamp_ns or not motion.covers(stamp_ns, bundle.stamp_ns):
-                return T_site_frame
-            then, now = motion.at(stamp_ns, bundle.stamp_ns)
-            return np.asarray(np.linalg.inv(now) @ then @ T_site_frame, np.float64)
+            moved = own_motion(bundle, stamp_ns, site_frame, motion_config) if stamp_ns != bundle.stamp_ns else None
+            return T_site_frame if moved is None else np.asarray(moved @ T_site_frame)
         if frame not in detector.T_fixed_frame:
             raise MessageError(
                 f"{detector.topic}: its boxes are in frame {frame!r}, which nothing joins with the site frame"
             )
+        motion = bundle.motion_of(site_frame) if motion_config.enabled else None
         if motion is None or not motion.covers(bundle.stamp_ns):
             raise MessageError(
                 f"{detector.topic}: its boxes are in frame {frame!r}, and where the site frame was in it is not known"

@@ -54,15 +54,12 @@ class SitePoses:
 
     @cached_property
     def _own_motion(self) -> "_Motion | None":
-        return next(filter(None, map(self._motion_of_site, self._recordings)), None)
-
-    def _motion_of_site(self, recording: Recording) -> "_Motion | None":
-        transforms = read_transforms(recording, limits=self._config.limits)
-        source = _find_source(recording, self._rig, transforms, self._config)
-        if source is None:
-            return None
-        fixed = source.fixed_frame_id
-        return _Motion(recording, source, Transform.identity(fixed, fixed), self._config.limits)
+        for recording in self._recordings:
+            transforms = read_transforms(recording, limits=self._config.limits)
+            if source := _find_source(recording, self._rig, transforms, self._config):
+                fixed = source.fixed_frame_id
+                return _Motion(recording, source, Transform.identity(fixed, fixed), self._config.limits)
+        return None
 
     def _way(self, frame_id: str) -> "Transform | _Motion | str":
         site = self._rig.site_frame

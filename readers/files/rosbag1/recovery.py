@@ -7,7 +7,7 @@ from typing import BinaryIO
 from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.files.chunked import ChunkPlace
 from lidcam.readers.files.damage import Losses
-from lidcam.readers.files.decompress import check_file_size, compression_of, unpack
+from lidcam.readers.files.decompress import MAGICS, check_file_size, unpack
 from lidcam.readers.files.rosbag1.records import (
     CHUNK,
     CHUNK_INFO,
@@ -143,8 +143,9 @@ class _Scan:
         self._end_run()
         self._part, self._in_chunk, self._in_index = record.start, False, False
         self._stream.seek(record.data)
-        compression = compression_of(self._stream.read(4))
-        if compression == "none":
+        begin = self._stream.read(4)
+        compression = next((name for magic, name in MAGICS.items() if begin.startswith(magic)), "")
+        if not compression:
             self._in_chunk = True
             return record.data
         reaches_end = not record.size or record.end >= self._end
