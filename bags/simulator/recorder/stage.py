@@ -124,7 +124,7 @@ class Stage:
     def __init__(self, scenario: Scenario, *, driven: Collection[str] = ()) -> None:
         self.scenario = scenario
         world = mesh_of(scenario)
-        self.traffic = Traffic(scenario, driven=driven, static=world)
+        self.traffic = Traffic(scenario, driven=driven)
         self.vehicles = {name: vehicle for name, vehicle in scenario.vehicles.items() if not vehicle.ego}
         self._carriers: dict[str, Carrier] = dict(self.traffic.trajectories)
         kerbs: Callable[[F64], F64] | None = height_of(scenario)

@@ -15,14 +15,13 @@ from lidcam.bags.simulator.world.motion import Poses
 from lidcam.bags.simulator.world.scene import (
     STATIC,
     PartHits,
-    PartSurfaces,
     PlacedPart,
     Scene,
     Surfaces,
     mapped,
     passing_rays,
 )
-from lidcam.pipeline.core.arrays import F32, F64, I16, I64, Bools
+from lidcam.pipeline.core.arrays import F32, F64, I16, I64, Bools, join_rows
 from lidcam.pipeline.core.geometry.boxes import box_corners
 
 Window = tuple[int, int, int, int]
@@ -68,7 +67,9 @@ class _Samples:
 
     def nearest(self) -> tuple[I64, I16, Surfaces]:
         """Rows (K,) of the rays that hit a mover first, the movers (K,), and the surfaces."""
-        rows, movers, seen = [np.empty(0, np.int64)], [np.empty(0, np.int16)], [_NOTHING]
+        none, flat = np.empty((0, 3), np.float32), np.empty(0, np.float32)
+        rows, movers = [np.empty(0, np.int64)], [np.empty(0, np.int16)]
+        seen = [Surfaces(none, flat, none, rows[0], none, tuple(self.origin))]
         for serial, (mover, part, found, hits, nearer) in enumerate(self._found):
             left = np.flatnonzero(self._serial.take(found) == serial)
             if not len(left):
@@ -77,11 +78,7 @@ class _Samples:
             movers.append(np.full(len(left), mover, np.int16))
             directions = self.directions.take(rows[-1], 0)
             seen.append(part.surfaces(hits, nearer.take(left), self.origin, directions))
-        all_rows = np.concatenate(rows)
-        normal, material, local = (np.concatenate(column) for column in zip(*seen, strict=True))
-        directions, distance = self.directions.take(all_rows, 0), self.depth.take(all_rows)
-        surfaces = Surfaces(self.origin, directions, distance, normal, material, local)
-        return all_rows, np.concatenate(movers), surfaces
+        return np.concatenate(rows), np.concatenate(movers), join_rows(*seen)
 
 
 class _Found(NamedTuple):
@@ -92,9 +89,6 @@ class _Found(NamedTuple):
     seen: I64
     hits: PartHits
     nearer: I64
-
-
-_NOTHING = PartSurfaces(np.empty((0, 3), np.float32), np.empty(0, np.int64), np.empty((0, 3), np.float32))
 
 
 class _View:
@@ -245,7 +239,7 @@ def _light_of_movers(scene: Scene, light: Light, views: Sequence[_View], surface
     shading = lit_surfaces(scene, light, surfaces)
     if light.shadows and len(surfaces.distance):
         sunny = np.flatnonzero(shading.sun[:, 1] > 0)
-        points = surfaces.take(sunny).points
+        points = surfaces.select(sunny).points
         for view in views:
             shaded = view.shades(points, light.towards)
             shading.sun[sunny[shaded]] = 0.0

@@ -78,14 +78,14 @@ def lit_surfaces(scene: Scene, light: Light, surfaces: Surfaces) -> Shading:
         rows, free = np.flatnonzero(hit), np.flatnonzero(~hit)
         rest[free] = light.sky(surfaces.directions.take(free, 0))
         if len(rows):
-            shading = lit_surfaces(scene, light, surfaces.take(rows))
+            shading = lit_surfaces(scene, light, surfaces.select(rows))
             rest[rows], sun[rows] = shading.rest, shading.sun
         return Shading(rest, sun)
     albedo = surface_rgb(scene.palette, surfaces.material, surfaces.local, surfaces.normal)
     shading = light.surface(albedo, surfaces.material, surfaces.normal, surfaces.directions, surfaces.distance)
     if light.shadows:
         facing = np.flatnonzero(shading.sun[:, 1] > 0)
-        points = surfaces.take(facing).points
+        points = surfaces.select(facing).points
         shading.sun[facing.compress(scene.static.occludes(points, light.towards))] = 0.0
     return shading
 

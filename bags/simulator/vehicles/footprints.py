@@ -104,13 +104,12 @@ def things_in_the_way(things: Iterable[ThingScenario], *, step_m: float, headroo
     return tuple(found)
 
 
-def in_the_way(scenario: Scenario, static: Mesh | None = None) -> tuple[Rectangle, ...]:
-    """The footprints of what a scenario's vehicles cannot pass; a static world replaces that of the scenario."""
+def in_the_way(scenario: Scenario) -> tuple[Rectangle, ...]:
+    """The footprints of what a scenario's vehicles cannot pass."""
     model = any(vehicle.shape == "model_car" for vehicle in scenario.vehicles.values())
     if scenario.world == "open":
         return things_in_the_way(scenario.things, **(MODEL_SIZE if model else FULL_SIZE))
-    bodies = static_mesh(scenario.world) if static is None else static
-    return obstacles_of(bodies, **(MODEL_SIZE if scenario.world == "sandbox" else FULL_SIZE))
+    return obstacles_of(static_mesh(scenario.world), **(MODEL_SIZE if scenario.world == "sandbox" else FULL_SIZE))
 
 
 class Obstacles:

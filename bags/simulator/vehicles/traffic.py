@@ -11,7 +11,6 @@ from lidcam.bags.simulator.vehicles.footprints import Obstacles, Rectangle, foot
 from lidcam.bags.simulator.vehicles.right_of_way import Stretch, Traveller, shared_stretches
 from lidcam.bags.simulator.vehicles.routes import Route
 from lidcam.bags.simulator.world.bodies.dimensions import shape_of
-from lidcam.bags.simulator.world.mesh import Mesh
 from lidcam.bags.simulator.world.motion import State, Trajectory
 from lidcam.pipeline.core.errors import ConfigError
 
@@ -63,14 +62,13 @@ class Traffic:
 
     A step that would bring a vehicle into another one or into an obstacle leaves it at rest where it is. The vehicles
     in `driven`, none of them a pedestrian, are under remote control (`command`), whatever the scenario says. They begin
-    at their `start` if the scenario gives one, and otherwise at the start on their route. A static world replaces that
-    of the scenario.
+    at their `start` if the scenario gives one, and otherwise at the start on their route.
 
     Raises:
         ConfigError: a route is not valid, or vehicles or obstacles overlap at the start.
     """
 
-    def __init__(self, scenario: Scenario, *, driven: Collection[str] = (), static: Mesh | None = None) -> None:
+    def __init__(self, scenario: Scenario, *, driven: Collection[str] = ()) -> None:
         self._steps = 0
         self._vehicles: dict[str, _Vehicle] = {}
         routes = _routes(scenario)
@@ -82,7 +80,7 @@ class Traffic:
                 traveller = vehicle.follower.traveller
                 self._travellers.setdefault(traveller.route, []).append(traveller)
         self._stretches = _stretches_of(scenario, routes, self._travellers)
-        self._obstacles = Obstacles(in_the_way(scenario, static))
+        self._obstacles = Obstacles(in_the_way(scenario))
         self._refuse_overlaps()
         self.trajectories = {name: vehicle.trajectory for name, vehicle in self._vehicles.items()}
         self.chassis = {name: one.chassis for name, one in self._vehicles.items() if one.chassis is not None}

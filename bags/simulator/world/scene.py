@@ -7,7 +7,7 @@ reality. Rays that miss a thing's bounding sphere are not cast at it.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -47,20 +47,15 @@ class Hits(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surfaces:
+class Surfaces(Table):
     """The surfaces that N rays from one point hit."""
 
-    origin: F64  # (3,) of the rays in the world
     directions: F32  # (N, 3) unit vectors in the world
     distance: F32  # (N,) metres; the rest as in `Hits`
     normal: F32
     material: I64
-    local: F32 | F64
-
-    def take(self, rows: I64) -> "Surfaces":
-        """The surfaces of these rows."""
-        columns: tuple[Any, ...] = self.directions, self.distance, self.normal, self.material, self.local
-        return Surfaces(self.origin, *(column.take(rows, 0) for column in columns))
+    local: F32
+    origin: tuple[float, ...]  # x, y, z of the rays in the world
 
     @property
     def points(self) -> F32:
@@ -68,7 +63,7 @@ class Surfaces:
         distance = np.where(np.isfinite(self.distance), self.distance, np.float32(0))
         lift = np.float32(5e-4) + np.float32(2e-5) * distance
         lifted = self.directions * distance[:, None] + lift[:, None] * self.normal
-        return np.asarray(lifted + self.origin.astype(np.float32), np.float32)
+        return np.asarray(lifted + np.array(self.origin, np.float32), np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,14 +74,6 @@ class PartHits:
     distance: F32  # (K,) metres
     face: F32  # (N, 3) normal of the triangle hit, in the part's frame
     triangle: U32  # (N,) row of that triangle
-
-
-class PartSurfaces(NamedTuple):
-    """The surface of a part where K rays hit it."""
-
-    normal: F32  # (K, 3); see `Hits`
-    material: I64
-    local: F32
 
 
 def packed(origins: Floats, directions: Floats) -> F32:
@@ -174,7 +161,7 @@ class Body:
         reach = np.where(met, distance, np.float32(0))
         local = directions * reach[:, None] + origin.astype(np.float32)
         material[~met] = NO_MATERIAL
-        return Surfaces(origin, directions, distance, normal, material, local)
+        return Surfaces(directions, distance, normal, material, local, tuple(origin))
 
     def occludes(self, origins: Floats, directions: Floats) -> Bools:
         """Whether each ray hits it."""
@@ -204,14 +191,15 @@ class PlacedPart:
         face, triangle = answer["primitive_normals"].numpy(), answer["primitive_ids"].numpy()
         return PartHits(rows, distance.take(rows), face, triangle)
 
-    def surfaces(self, hits: PartHits, some: I64, origin: F64, directions: F32) -> PartSurfaces:
+    def surfaces(self, hits: PartHits, some: I64, origin: F64, directions: F32) -> Surfaces:
         """The surfaces that some of the rays hit: rows (K,) of `hits.rows`, with directions (K, 3) in the world."""
         rays, distance = hits.rows.take(some), hits.distance.take(some)
         normal = mapped(hits.face.take(rays, 0), self._rotation)
         turn = np.where(dotted(normal, directions) > 0, np.float32(-1), np.float32(1))
         begin, ahead = (origin - self._translation) @ self._rotation, mapped(directions, self._rotation.T)
         local = ahead * distance[:, None] + begin.astype(np.float32)
-        return PartSurfaces(normal * turn[:, None], self._body.rows.take(hits.triangle.take(rays)), local)
+        material = self._body.rows.take(hits.triangle.take(rays))
+        return Surfaces(directions, distance, normal * turn[:, None], material, local, tuple(origin))
 
     def occludes(self, points: F32, towards: F64) -> Bools:
         """Whether the part blocks light from a direction (3,) at points (N, 3) of the world."""

@@ -9,26 +9,20 @@ from lidcam.bags.simulator.vehicles.ackermann import HABITS, AckermannCommand
 from lidcam.bags.simulator.vehicles.footprints import footprint, overlap
 from lidcam.bags.simulator.vehicles.traffic import STEP_NS, Traffic
 from lidcam.bags.simulator.world.bodies.dimensions import SHAPES
-from lidcam.bags.simulator.world.mesh import METAL, Mesh, box
 from lidcam.bags.simulator.world.motion import State
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.errors import ConfigError
 
 SECOND = 10**9
-NOTHING = box((500, 500, 0.5), (1, 1, 1), METAL)
 FORWARD, BACK, STOP = AckermannCommand(0.3), AckermannCommand(-0.3), AckermannCommand()
 ALONG = {"points_m": [[0, 0], [200, 0]]}
 
 
 def traffic(
-    vehicles: dict[str, Any],
-    routes: dict[str, Any] | None = None,
-    *,
-    driven: tuple[str, ...] = (),
-    static: Mesh = NOTHING,
+    vehicles: dict[str, Any], routes: dict[str, Any] | None = None, driven: tuple[str, ...] = (), things: Any = ()
 ) -> Traffic:
-    content = {"world": "crossing", "vehicles": vehicles, "routes": routes or {}}
-    return Traffic(Scenario.model_validate(content), driven=driven, static=static)
+    content = {"world": "open", "vehicles": vehicles, "routes": routes or {}, "things": things}
+    return Traffic(Scenario.model_validate(content), driven=driven)
 
 
 def states(of: Traffic, name: str, seconds: float) -> F64:
@@ -47,8 +41,8 @@ def route(start_m: float = 0.0, speed_m_s: float = 10.0, name: str = "along", sh
 @pytest.mark.parametrize("yaw_deg", [0.0, 30.0, 200.0])
 def test_a_wall_stops_a_car_and_it_can_back_out(yaw_deg: float) -> None:
     yaw = np.deg2rad(yaw_deg)
-    wall = box((1.0 * np.cos(yaw), 1.0 * np.sin(yaw), 0.5), (0.1, 3, 1), METAL, yaw=float(yaw))
-    cars = traffic({"car1": {"shape": "model_car", "start": [0, 0, yaw_deg]}}, driven=("car1",), static=wall)
+    wall = {"kind": "box", "position_m": [np.cos(yaw), np.sin(yaw)], "size_m": [0.1, 3, 1], "yaw_deg": yaw_deg}
+    cars = traffic({"car1": {"shape": "model_car", "start": [0, 0, yaw_deg]}}, driven=("car1",), things=[wall])
     cars.command("car1", FORWARD)
     way = states(cars, "car1", 5)
     assert way[-1, 3] == 0.0
@@ -139,7 +133,7 @@ def test_cars_let_people_cross() -> None:
 def test_what_cannot_be_is_refused(vehicles: dict[str, Any], message: str) -> None:
     routes = {"along": ALONG} | ({"bad": {"points_m": [[0, 0]]}} if "bad" in message else {})
     with pytest.raises(ConfigError, match=message):
-        traffic(vehicles, routes)
+        traffic(vehicles, routes, things=[{"position_m": [500, 500], "size_m": [1, 1, 1]}])
 
 
 # --- the scenarios that come with lidcam
