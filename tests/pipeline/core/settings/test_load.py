@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers import ROOT
@@ -17,7 +18,7 @@ def test_default_yaml_is_a_printed_copy_of_the_defaults() -> None:
 
 
 def test_settings_read_back_as_they_were_written(tmp_path: Path) -> None:
-    config = load_config(None, ("sync.queue_size=7", "detect2d.model=a/b.onnx"))
+    config = load_config(None, ("sync.queue_size=7", "detect2d.model=a/b.onnx", "evaluate.min_lidar_points=0"))
     path = tmp_path / "c.yaml"
     path.write_text(dump_config(config))
     assert load_config(path) == config
@@ -73,48 +74,31 @@ def test_single_values_change_nothing_else(tmp_path: Path) -> None:
     assert given == {"max_range_m": 80.0}
 
 
-def test_the_largest_size_of_a_class_is_no_smaller_than_its_usual_one() -> None:
-    classes = [{"name": "car", "size_m": [4, 2, 1.5], "max_size_m": [5, 1.8, 2]}]
-    with pytest.raises(ConfigError, match="max_size_m: expected no less than size_m"):
-        load_config(None, {"classes": classes})
+def classes(*names: str, width_m: float = 2.2) -> dict[str, Any]:
+    return {"classes": [{"name": name, "size_m": [4, 2, 1.5], "max_size_m": [5, width_m, 2]} for name in names]}
 
 
 @pytest.mark.parametrize(
-    "override", ["sync.slop_s=yes", "fuse.min_score=on", "run.workers=true", "combine.outliers.std_ratio=off"]
-)
-def test_switches_are_no_numbers(override: str) -> None:
-    with pytest.raises(ConfigError, match="expected a number, found a switch"):
-        load_config(None, (override,))
-
-
-def test_no_zone_is_called_as_the_rest_of_the_site() -> None:
-    with pytest.raises(ConfigError, match="'outside' names what lies in no zone"):
-        load_config(None, {"rig.zones": {"outside": [[0, 0], [1, 0], [1, 1]]}})
-
-
-def test_any_object_may_have_to_be_found() -> None:
-    assert load_config(None, {"evaluate.min_lidar_points": 0}).evaluate.min_lidar_points == 0
-
-
-@pytest.mark.parametrize("override", ["sync", "=3", "sync.slop_s.x.y=1", "sync.slop=1", "run.workers=0"])
-def test_wrong_override(override: str) -> None:
-    with pytest.raises(ConfigError):
-        load_config(None, (override,))
-
-
-@pytest.mark.parametrize(
-    ("names", "fault"),
+    ("settings", "fault"),
     [
-        (["car", "car"], "a name is used twice"),
-        (["car", " Car"], "a name is used twice"),
-        (["all"], "'all' names the figures of all classes; expected another name"),
-        (["Unknown"], "'unknown' is what is of no class"),
+        (["sync"], "sync: expected key.key=value"),
+        (["=3"], "=3: expected key.key=value"),
+        (["sync.slop_s.x.y=1"], "sync.slop_s: expected a number, found a section with the keys x"),
+        (["sync.slop=1"], "unknown key 'sync.slop'"),
+        (["run.workers=0"], "run.workers: expected at least 1, found 0"),
+        *(([one], "a number, found a switch") for one in ("sync.slop_s=yes", "fuse.min_score=on", "run.workers=true")),
+        (["combine.outliers.std_ratio=off"], "expected a number, found a switch"),
+        (classes("car", width_m=1.8), "max_size_m: expected no less than size_m"),
+        (classes("car", "car"), "a name is used twice"),
+        (classes("car", " Car"), "a name is used twice"),
+        (classes("all"), "'all' names the figures of all classes; expected another name"),
+        (classes("Unknown"), "'unknown' is what is of no class"),
+        ({"rig.zones": {"outside": [[0, 0], [1, 0], [1, 1]]}}, "'outside' names what lies in no zone"),
     ],
 )
-def test_names_that_classes_cannot_have(names: list[str], fault: str) -> None:
-    classes = [{"name": name, "size_m": [4, 2, 1.5], "max_size_m": [5, 2.2, 2]} for name in names]
+def test_wrong_settings(settings: Any, fault: str) -> None:
     with pytest.raises(ConfigError, match=fault):
-        load_config(None, {"classes": classes})
+        load_config(None, settings)
 
 
 def test_limits_are_scaled_together() -> None:
@@ -132,7 +116,7 @@ def test_labels_lead_to_classes() -> None:
     config = Config()
     assert config.class_names[config.class_id_of_label["person"]] == "pedestrian"
     assert config.class_id_of_label["car"] == 0
-    size = {"size_m": [4, 2, 1.5], "max_size_m": [5, 2.2, 2]}
-    capitals = load_config(None, {"classes": [{"name": "Car", "labels": [" Van", "TRUCK"], **size}]})
+    ((car,),) = classes("Car").values()
+    capitals = load_config(None, {"classes": [car | {"labels": [" Van", "TRUCK"]}]})
     assert capitals.class_id_of_label == {"car": 0, "van": 0, "truck": 0}
     assert capitals.class_names == ("Car",)
