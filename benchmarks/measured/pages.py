@@ -30,11 +30,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
 
 
 def write_part(page: Path, name: str, text: str) -> None:
-    """Write the lines between `<!-- NAME: begin -->` and `<!-- NAME: end -->` anew.
-
-    Raises:
-        ValueError: the page has no such part.
-    """
+    """Write the lines between `<!-- NAME: begin -->` and `<!-- NAME: end -->` anew; raises ValueError without these."""
     begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
     before, found, rest = page.read_text(encoding="utf-8").partition(begin)
     _, also_found, after = rest.partition(end)

@@ -30,11 +30,7 @@ Record = TypeVar("Record", bound="DataclassInstance")
 
 
 def check_array(name: str, array: Array, shape: tuple[int, ...], dtype: npt.DTypeLike) -> None:
-    """Check one field of a record and make it read-only, so that no stage can change the input of another.
-
-    Raises:
-        ValueError: shape or dtype differ.
-    """
+    """Check a field of a record, or raise ValueError; make it read-only, so that no stage changes another's input."""
     if array.shape != shape or array.dtype != dtype:
         raise ValueError(f"{name}: expected {np.dtype(dtype)}{list(shape)}, got {array.dtype}{list(array.shape)}")
     array.setflags(write=False)
@@ -84,11 +80,7 @@ class Table:
         return len(getattr(self, _first(type(self))))  # type: ignore[arg-type]  # classes are hashable
 
     def check_rows(self) -> None:
-        """Check shape and dtype of every array, and make it read-only.
-
-        Raises:
-            ValueError: they differ from those declared.
-        """
+        """Check shape and dtype of every array, or raise ValueError; make it read-only."""
         n = len(self)
         for name, shape, dtype in columns(type(self)):  # type: ignore[arg-type]  # classes are hashable
             array = getattr(self, name)

@@ -105,11 +105,7 @@ def is_short_memory(err: BaseException) -> bool:
 
 @contextmanager
 def short_memory_told(doing: str) -> Iterator[None]:
-    """Turn what any library raises for want of memory into a `ShortMemoryError`; `doing` is as in `read a.bag`.
-
-    Raises:
-        ShortMemoryError: memory could not be had.
-    """
+    """Turn what any library raises for want of memory into a `ShortMemoryError`; `doing` is as in `read a.bag`."""
     try:
         yield
     except Exception as err:

@@ -67,21 +67,13 @@ class SensorBundle:
         return max(stamps, default=0) - min(stamps, default=0)
 
     def motion_of(self, site_frame: str) -> PoseSamples | None:
-        """The motion of that frame; None where nothing is known of it.
-
-        Raises:
-            FrameError: the motion is that of another frame.
-        """
+        """The motion of that frame; None where nothing is known of it. Raises FrameError if it is another frame's."""
         if self.motion is not None and self.motion.frame_id != site_frame:
             raise FrameError(f"motion: expected poses of the site frame {site_frame!r}, got {self.motion.frame_id!r}")
         return self.motion
 
     def pose_of(self, site_frame: str) -> F64 | None:
-        """(4, 4) T_fixed_site at the stamp, as recorded; None where nothing is known of it.
-
-        Raises:
-            FrameError: the motion is that of another frame.
-        """
+        """(4, 4) T_fixed_site at the stamp, as recorded, or None; raises FrameError if it is of another frame."""
         motion = self.motion_of(site_frame)
         return motion.at(self.stamp_ns)[0] if motion is not None and len(motion) > 1 else None
 

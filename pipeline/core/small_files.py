@@ -31,11 +31,7 @@ def open_regular(path: Path, flags: int = 0) -> Iterator[BufferedReader]:
 
 
 def read_small_file(path: Path, max_bytes: int) -> bytes:
-    """The content of a regular file.
-
-    Raises:
-        OSError: it cannot be opened, is no regular file, or is larger than `max_bytes`.
-    """
+    """The content of a regular file of at most `max_bytes`; raises OSError if it is none, or cannot be opened."""
     with open_regular(path) as stream:
         data = stream.read(max_bytes + 1)
     if len(data) > max_bytes:

@@ -47,11 +47,7 @@ def lock_file(file: IO[bytes], *, is_awaited: bool = False) -> None:
 
 
 def read_at(file: IO[bytes], size: int, at: int) -> bytes:
-    """At most `size` bytes of an open file from `at` on; leaves its position alone.
-
-    Raises:
-        OSError: it cannot be read.
-    """
+    """At most `size` bytes of an open file from `at` on, or OSError; leaves its position alone."""
     if hasattr(os, "pread"):
         return os.pread(file.fileno(), size, at)
     with Path(file.name).open("rb") as again:

@@ -88,11 +88,7 @@ class WorkerProcess:
     """
 
     def __init__(self, stages: Stages | None = None) -> None:
-        """Start a copy of this process that has these stages, or an interpreter of its own.
-
-        Raises:
-            WorkerError: there is no interpreter to start, or the system does not allow it.
-        """
+        """Start a copy of this process with these stages, or a new interpreter; raises WorkerError if it cannot."""
         self.is_ready = False
         self.numbers: list[int] = []
         self._connection, theirs = connected()

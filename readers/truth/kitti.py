@@ -110,11 +110,7 @@ def is_kitti_text(text: str) -> bool:
 
 
 def parse_kitti_labels(text: str, path: Path) -> KittiFile:
-    """The labels of the file at `path`.
-
-    Raises:
-        RecordingError: a line is no label, or of another benchmark than the first.
-    """
+    """The labels of the file at `path`; raises RecordingError if a line is none, or of another benchmark."""
     found = []
     columns = 0
     for number, line in enumerate(text.splitlines(), 1):

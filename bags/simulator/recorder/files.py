@@ -27,11 +27,7 @@ ATTACHMENTS = ("rig.yaml", "scenario.yaml")
 
 
 def ros_version_of(path: Path) -> RosVersion:
-    """The ROS version of a recording's messages, by its name.
-
-    Raises:
-        OutputError: the name has another ending than those of `ROS_VERSIONS`.
-    """
+    """The ROS version of a recording's messages, by its name; raises OutputError if `ROS_VERSIONS` lacks its ending."""
     if path.suffix not in ROS_VERSIONS:
         raise OutputError(f"{path}: expected a name that ends in .bag (ROS 1) or .mcap (ROS 2)")
     return ROS_VERSIONS[path.suffix]

@@ -34,22 +34,14 @@ class SensingProcess:
             self._steps: list[Future[Sequence[Measured]]] = [self._pool.submit(_begin, task)]
 
     def ask(self, until_ns: int, commands: Mapping[str, AckermannCommand], *, start_limit_ns: int) -> None:
-        """Start a step: apply commands, advance to a time and measure; see `Sensing.measure`.
-
-        Raises:
-            LidcamError: the process has died.
-        """
+        """Start a step: apply commands, advance, and measure (`Sensing.measure`); raises LidcamError if it has died."""
         try:
             self._steps.append(self._pool.submit(_measured, until_ns, dict(commands), start_limit_ns))
         except BrokenProcessPool as err:
             raise LidcamError(DEATH) from err
 
     def answer(self) -> Sequence[Measured]:
-        """The measurements since the last answer.
-
-        Raises:
-            LidcamError: the process has died, or failed with an error of its own.
-        """
+        """The measurements since the last answer; raises LidcamError if the process has died, or failed."""
         steps, self._steps = self._steps, []
         try:
             return [one for step in steps for one in step.result()]

@@ -286,11 +286,7 @@ def scenario_file(name: str) -> Path:
 
 
 def overridden(scenario: Scenario, overrides: tuple[str, ...]) -> Scenario:
-    """A scenario with overrides of single values, as of `load_scenario`.
-
-    Raises:
-        ConfigError: a key or value is not valid.
-    """
+    """A scenario with overrides, as of `load_scenario`; raises ConfigError if a key or value is not valid."""
     return _with(scenario.model_dump(mode="json"), overrides, "the scenario") if overrides else scenario
 
 

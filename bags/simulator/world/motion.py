@@ -243,11 +243,7 @@ class Trajectory:
         return State(*self._states[self._count - 1].tolist())
 
     def states(self, times_ns: I64) -> F64:
-        """(N, 6) columns as the fields of `State`, at times (N,).
-
-        Raises:
-            ValueError: a time is later than the last state.
-        """
+        """(N, 6) columns as the fields of `State`, at times (N,); raises ValueError if one is after the last state."""
         times = self._times[: self._count]
         if len(times_ns) and times_ns.max() > times[-1]:
             raise ValueError(f"expected times up to {times[-1]} ns, got {times_ns.max()}: simulate further first")

@@ -24,11 +24,7 @@ LIBRARIES = {
 
 
 def check_libraries() -> None:
-    """Look for the system's libraries; fast, since Open3D itself is not loaded.
-
-    Raises:
-        LidcamError: some are missing.
-    """
+    """Look for the system's libraries without loading Open3D; raises LidcamError if some are missing."""
     missing = [name for name in LIBRARIES if sys.platform == "linux" and not _is_there(name)]
     if missing:
         packages = " ".join(LIBRARIES[name] for name in missing)

@@ -58,11 +58,7 @@ class Image(NamedTuple):
 
 
 def add_network(graph: Graph, model: KitModel, given: Mapping[str, F64]) -> None:
-    """Add all nodes of a network with weights by name, with the outputs `KIT_OUTPUTS`.
-
-    Raises:
-        ModelError: its parts do not fit together, or the weights are others than its layers need.
-    """
+    """Add all nodes of a network, with `KIT_OUTPUTS`; raises ModelError if parts, or weights by name, do not fit."""
     weights, head = Weights(given), model.head
     image = _backbone(graph, model, weights, _encoded(graph, model, weights))
     if isinstance(head, CenterHead):

@@ -125,11 +125,7 @@ def check(found: object, expected: object, name: str) -> None:
 
 
 def check_parts(network: str, parts: Mapping[str, str], known: Mapping[str, Sequence[str]]) -> None:
-    """Refuse a network whose parts, kinds by purpose, are missing or of other kinds than the known ones.
-
-    Raises:
-        ModelError: a part is of another kind, or missing.
-    """
+    """Raise ModelError if parts of a network, kinds by purpose, are missing or of other kinds than the known ones."""
     faults = [
         f"{part} {kind}" + " (sparse convolutions)" * any(word in kind for word in SPARSE)
         for part, kind in parts.items()

@@ -68,11 +68,7 @@ def parse_yaml(text: str | bytes) -> Any:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """The mapping in a YAML file; empty for an empty file.
-
-    Raises:
-        ConfigError: the file cannot be read, is not YAML, or is not a mapping.
-    """
+    """The mapping in a YAML file, or an empty file; raises ConfigError if it cannot be read, or is something else."""
     return yaml_mapping(read_small_text(path, MAX_YAML_BYTES, "a YAML file", ConfigError), path)
 
 

@@ -27,11 +27,7 @@ def settings_file(name: str | PathLike[str]) -> Path:
 
 
 def preset_or_file(name: str | PathLike[str], presets: Mapping[str, Path], kind: str, error: type[LidcamError]) -> Path:
-    """The file of a preset, or the file of that name; `kind` says in words what the file is.
-
-    Raises:
-        LidcamError: it is neither; raised as `error`.
-    """
+    """The file of a preset, or the file of that name, which is a `kind` in words; raises `error` if it is neither."""
     if not isinstance(name, str | PathLike):
         remedy = "; single values go into settings, as {'track.mode': 'none'}" if isinstance(name, Mapping) else ""
         raise error(f"expected a preset ({', '.join(presets)}) or {kind}, found {type(name).__name__}{remedy}")
