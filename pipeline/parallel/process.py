@@ -204,9 +204,13 @@ def copied_workers(graph: Graph[Any], sink: Node[Any], *, workers: int, frames: 
     count = min(workers, frames // MIN_FRAMES) - 1
     copies: list[WorkerProcess] = []
     with ExitStack() as stack:
-        has_threads = sys.platform != "linux" or len([*Path("/proc/self/task").iterdir()]) > 1  # of libraries, too
-        if count > 0 and not has_threads:
+        if count > 0 and _may_fork():
             for _ in range(count):
                 copies.append(WorkerProcess((graph, sink)))
                 stack.callback(copies[-1].end)
         yield copies
+
+
+def _may_fork() -> bool:
+    """Whether this process runs on Linux and has one thread, those of libraries counted."""
+    return sys.platform == "linux" and len([*Path("/proc/self/task").iterdir()]) == 1
