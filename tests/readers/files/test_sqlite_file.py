@@ -70,23 +70,25 @@ SOUND = sound_recording("sqlite")
 ROWS = len(SOUND.messages)
 
 
-def changed(tmp_path: Path, *statements: str) -> Path:
-    path = write_files(tmp_path, SOUND, SOUND.files)
+def change(path: Path, *statements: str) -> None:
     with closing(sqlite3.connect(path)) as database:
         for statement in statements:
             database.execute(statement)
         database.commit()
+
+
+def changed(tmp_path: Path, *statements: str) -> Path:
+    path = write_files(tmp_path, SOUND, SOUND.files)
+    change(path, *statements)
     return path
 
 
-def rebuilt(columns: str, constraint: str = "", selected: str = "*") -> tuple[str, ...]:
-    """Statements that give the table of messages other columns."""
-    return (
-        "DROP INDEX timestamp_idx",
-        "ALTER TABLE messages RENAME TO old",
-        f"CREATE TABLE messages({columns}){constraint}",
-        f"INSERT INTO messages SELECT {selected} FROM old",
-    )
+COLUMNS_OF_ANY_TYPE = (
+    "DROP INDEX timestamp_idx",
+    "ALTER TABLE messages RENAME TO old",
+    "CREATE TABLE messages(id, topic_id, timestamp, data)",
+    "INSERT INTO messages SELECT * FROM old",
+)
 
 
 @pytest.mark.parametrize(
@@ -96,7 +98,7 @@ def rebuilt(columns: str, constraint: str = "", selected: str = "*") -> tuple[st
         (("UPDATE messages SET timestamp = -timestamp WHERE id < 9",), ROWS - 8, "before 1970"),
         (("UPDATE messages SET timestamp = 'late' WHERE id = 3",), ROWS - 1, "SQLite cannot read all of it"),
         (("UPDATE messages SET topic_id = 1e300 WHERE id = 3",), ROWS - 1, "SQLite cannot read all of it"),
-        (rebuilt("id, topic_id, timestamp, data"), ROWS, ""),
+        (COLUMNS_OF_ANY_TYPE, ROWS, ""),
         (("UPDATE messages SET id = 9223372036854775807 WHERE id = 3",), ROWS, ""),
         (("UPDATE messages SET id = -id",), ROWS, ""),
         (("UPDATE topics SET name = CAST(name AS BLOB), type = CAST(type AS BLOB)",), ROWS, ""),
@@ -157,14 +159,6 @@ def states(log_times_ns: list[int], topic: str = "/odom") -> list[RawMessage]:
 def database(tmp_path: Path) -> Path:
     write_rosbag2(tmp_path / "rec", states([50, 30, 80, 80, 10]))
     return tmp_path / "rec" / "rec.db3"
-
-
-def change(database: Path, *statements: str) -> None:
-    connection = sqlite3.connect(database)
-    for statement in statements:
-        connection.execute(statement)
-    connection.commit()
-    connection.close()
 
 
 def stamps(path: Path) -> list[int]:
