@@ -76,7 +76,8 @@ class RayEngine(Engine):
         finally:
             if current_thread() is main_thread():
                 signal.signal(signal.SIGTERM, handler)  # Ray has put its own in its place
-        room = sum(_room(node["Resources"], cores) for node in self._ray.nodes() if node["Alive"])
+        nodes = [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
+        room = int(sum(min(one.get("CPU", 0) // cores, one.get("memory", 0) // (JOB_MIB << 20)) for one in nodes))
         if not room:
             self._leave()
             raise LidcamError(f"engine ray: expected a node with {cores} cores and {JOB_MIB} MiB of memory, found none")
@@ -185,8 +186,3 @@ def _check(address: str) -> None:
         socket.create_connection((host, int(port)), CONNECT_S).close()
     except OSError as err:
         raise LidcamError(f"{address}: expected the head of a Ray cluster, found none: {err.strerror or err}") from err
-
-
-def _room(resources: dict[str, float], cores: int) -> int:
-    """Number of jobs that a node has room for."""
-    return int(min(resources.get("CPU", 0) // cores, resources.get("memory", 0) // (JOB_MIB << 20)))

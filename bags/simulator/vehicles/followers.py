@@ -82,7 +82,8 @@ class Follower:
     ) -> AckermannCommand:
         """The command until the next decision, by what others do and by what its route shares with theirs."""
         me, habits = self.traveller, self._habits
-        horizon_m = self._horizon_m(state.speed_m_s)
+        speed_m_s = state.speed_m_s
+        horizon_m = 4 * habits.gap_m + speed_m_s * (habits.headway_s + 1.5) + speed_m_s**2 / (2 * habits.braking_m_s2)
         line_m = self._line(distance_to_stop(me, stretches, travellers, horizon_m), seconds)
         if not self._route.closed:
             line_m = min(line_m, self._route.length_m - me.front_m + LINE_GAP * habits.gap_m)
@@ -127,10 +128,6 @@ class Follower:
         reach_m = self._habits.look_ahead_m + self._habits.look_ahead_s * state.speed_m_s
         goal = self._route.point(self._along_m + reach_m)
         return pure_pursuit(state.x_m, state.y_m, state.yaw_rad, goal, self._shape.wheel_base_m)
-
-    def _horizon_m(self, speed_m_s: float) -> float:
-        habits = self._habits
-        return 4 * habits.gap_m + speed_m_s * (habits.headway_s + 1.5) + speed_m_s**2 / (2 * habits.braking_m_s2)
 
     def _gap(self, state: State, others: Sequence[Seen], horizon_m: float) -> tuple[float, float, Traveller | None]:
         """Distance to the first thing ahead within the horizon, its speed along the route, and its traveller."""
