@@ -39,11 +39,9 @@ TRAM = "Tram 0.60 0 0.0 100.0 150.0 180.0 220.0 3 2 15 -8.0 1.6 15.0 0.0"
 NOBODY = "DontCare -1 -1 -10 10.0 20.0 30.0 40.0 -1 -1 -1 -1000 -1000 -1000 -10"
 
 
-def rig(*, lidar_yaw_deg: float = 0.0, lidars: tuple[str, ...] = ("velodyne",)) -> Rig:
+def rig() -> Rig:
     """A site in which the Velodyne stands 1.7 m high, with camera 2, and camera 3 half a metre beside it."""
-    angle = np.radians(lidar_yaw_deg)
     T_site_lidar = np.eye(4)
-    T_site_lidar[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
     T_site_lidar[:3, 3] = 0.5, 0.0, 1.7
     cameras = []
     for name, shift in (("left", SHIFT_M), ("right", SHIFT_M - 0.54)):
@@ -52,8 +50,8 @@ def rig(*, lidar_yaw_deg: float = 0.0, lidars: tuple[str, ...] = ("velodyne",)) 
         pose = Transform(name, "site", T_camera_velo @ np.linalg.inv(T_site_lidar))
         model = CameraModel(name, 1242, 375, K, "plumb_bob", np.zeros(0))
         cameras.append(CameraSensor(name, f"/{name}", "", model, pose))
-    sensors = tuple(LidarSensor(name, f"/{name}", Transform("site", name, T_site_lidar)) for name in lidars)
-    return Rig("site", sensors, tuple(cameras), ())
+    lidar = LidarSensor("velodyne", "/velodyne", Transform("site", "velodyne", T_site_lidar))
+    return Rig("site", (lidar,), tuple(cameras), ())
 
 
 def folder(tmp_path: Path, *files: str, calib: str = CALIB) -> Path:

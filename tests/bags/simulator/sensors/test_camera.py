@@ -21,8 +21,8 @@ PALE = Material("pale", (0.95, 0.95, 0.95))
 MS = 1_000_000
 
 
-def ground(half_m: float = 30.0) -> Mesh:
-    h = half_m
+def ground() -> Mesh:
+    h = 30.0
     return polygon([[-h, -h, 0], [h, -h, 0], [h, h, 0], [-h, h, 0]], GROUND)
 
 
