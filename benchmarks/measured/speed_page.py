@@ -98,7 +98,6 @@ def _cases(recordings: Sequence[Path], model: Path | None, folder: Path) -> list
 
 
 def _section(case: Case, rounds: int, out: Path) -> list[str]:
-    """The tables of one recording."""
     files = [str(case.recording), str(out)]
     programs = {
         f"lidcam{way}, {workers} worker{'s' * (workers > 1)}": [

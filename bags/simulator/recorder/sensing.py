@@ -147,7 +147,6 @@ def _detected_objects(found: Detected, movers: Sequence[Mover]) -> list[ViewedOb
 
 
 def _visible_objects(shown: Visibility, movers: Sequence[Mover]) -> list[ViewedObject]:
-    """The movers that an image shows."""
     hidden, outside = shown.occlusion.tolist(), shown.truncation.tolist()
     return [
         _viewed(row, shown, shown.visible_xyxy, movers, occlusion=hidden[row], truncation=outside[row])

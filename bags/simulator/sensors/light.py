@@ -113,7 +113,6 @@ class Light:
 
 
 def _squared(values: F32, times: int) -> F32:
-    """Values squared repeatedly."""
     for _ in range(times):
         values = values * values
     return values

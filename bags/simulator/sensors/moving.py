@@ -203,7 +203,6 @@ class _Shadows:
 
 
 def _shadows(light: Light, lens: Lens, still: Still, views: Sequence[_View]) -> _Shadows:
-    """The shadows of movers on a still view."""
     changed = np.zeros((lens.height, lens.width), np.bool_)
     sunlight = still.shading.sun.reshape(*changed.shape, 3)[..., 1]
     shade, dark = np.zeros(changed.shape, np.float32), np.zeros(changed.shape, np.float32)

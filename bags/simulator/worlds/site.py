@@ -298,7 +298,6 @@ def _person_sized(site: Site, at: Place, yaw_deg: float) -> None:
 
 
 def _bicycles(site: Site, at: Place, yaw_deg: float) -> None:
-    """A row of parked bicycles."""
     for number in range(int(site.draw.integers(1, 6))):
         x, y = _beside(at, yaw_deg, 0.6 * number)
         size = (site.between(1.5, 1.85), site.between(0.45, 0.65), site.between(0.95, 1.15))

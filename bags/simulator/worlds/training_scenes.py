@@ -154,7 +154,6 @@ class _World:
         return met, distance.take(met), body, material, cos.astype(np.float64)
 
     def _add(self, mesh: Mesh) -> None:
-        """Add a body to the caster."""
         self._caster.add_triangles(mesh.vertices.astype(np.float32), mesh.triangles.astype(np.uint32))
         rows = [self._rows.setdefault(look, len(self._rows)) for look in mesh.palette]
         self._materials.append(np.array(rows, np.int64)[mesh.materials])

@@ -305,7 +305,6 @@ def _car_cabin(x: Callable[[float], float], z: Callable[[float], float], half: f
 
 
 def _van() -> Mesh:
-    """A panel van."""
     shape = SHAPES["van"]
     stations = (
         (-1.09, 0.94, 2.44), (-1.07, 0.99, 2.49), (2.75, 1.0, 2.50), (3.00, 0.99, 2.46), (3.95, 0.98, 1.42),

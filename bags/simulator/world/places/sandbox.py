@@ -82,7 +82,6 @@ def _buildings() -> list[Mesh]:
 
 
 def _island() -> list[Mesh]:
-    """The island of the roundabout."""
     return [
         cylinder((0, -3, -0.01), (0, -3, 0.018), 0.54, KERB, sides=40),
         cylinder((0, -3, -0.01), (0, -3, 0.024), 0.515, ISLAND, sides=40),
