@@ -42,17 +42,22 @@ def test_metadata_gives_files_order_and_release(tmp_path: Path, prefix: str) -> 
         assert [m.stamp_ns - T0 for m in recording.messages()] == [2, 0]
 
 
-def test_missing_parts_are_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("file", "text", "fault"),
+    [
+        ("rec_0.mcap", "", "found several kinds of files"),
+        ("metadata.yaml", "relative_file_paths: [rec_0.db3, rec_7.db3]", r"lists rec_7\.db3, which is not there"),
+        (
+            "metadata.yaml",
+            "relative_file_paths: [], compression_mode: FILE, compression_format: fake",
+            "expected compression zstd, found 'fake'",
+        ),
+    ],
+)
+def test_folders_that_cannot_be_read(tmp_path: Path, file: str, text: str, fault: str) -> None:
     folder = split_folder(tmp_path, 1)
-    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: {relative_file_paths: [rec_0.db3, rec_7.db3]}")
-    with pytest.raises(RecordingError, match=r"lists rec_7\.db3, which is not there"):
-        open_recording([folder])
-
-
-def test_several_kinds_without_metadata(tmp_path: Path) -> None:
-    folder = split_folder(tmp_path, 1)
-    (folder / "rec_0.mcap").touch()
-    with pytest.raises(RecordingError, match="found several kinds of files"):
+    (folder / file).write_text(f"rosbag2_bagfile_information: {{{text}}}")
+    with pytest.raises(RecordingError, match=fault):
         open_recording([folder])
 
 
@@ -82,14 +87,6 @@ def test_a_file_by_itself_beside_somebody_elses_metadata(tmp_path: Path) -> None
         assert recording.message_count == 1
     with pytest.raises(RecordingError, match="expected rosbag2's metadata"):
         open_recording([file.parent])
-
-
-def test_unknown_compression(tmp_path: Path) -> None:
-    (tmp_path / "metadata.yaml").write_text(
-        "rosbag2_bagfile_information: {relative_file_paths: [], compression_mode: FILE, compression_format: fake}"
-    )
-    with pytest.raises(RecordingError, match="expected compression zstd, found 'fake'"):
-        open_recording([tmp_path])
 
 
 def test_files_that_metadata_does_not_list_are_told(tmp_path: Path) -> None:

@@ -48,15 +48,9 @@ def test_samples_are_evenly_spaced_as_seen_from_the_origin(
     np.testing.assert_allclose(angles, angles.mean(), atol=1e-6)
 
 
-@pytest.mark.parametrize(("z", "left"), [(5.0, 12), (-5.0, 0)])
-def test_a_box_is_ahead_or_not(z: float, left: int) -> None:
+@pytest.mark.parametrize(("z", "left", "nearest"), [(5.0, 12, 4.0), (-5.0, 0, np.inf), (0.0, 8, 0.1)])
+def test_what_of_a_box_is_behind_is_cut(z: float, left: int, nearest: float) -> None:
     corners = box_corners(np.array([[0.0, 0, z]]), np.array([[2.0, 2, 2]]), np.zeros(1))
-    *_, kept = edges_ahead(corners, 0.1)
-    assert kept.sum() == left
-
-
-def test_a_box_that_reaches_behind_is_cut() -> None:
-    corners = box_corners(np.array([[0.0, 0, 0]]), np.array([[2.0, 2, 2]]), np.zeros(1))
     start, end, kept = edges_ahead(corners, 0.1)
-    assert kept.sum() == 8  # four ahead, four cut, four behind
-    assert np.minimum(start[kept][:, 2], end[kept][:, 2]).min() == pytest.approx(0.1)
+    assert kept.sum() == left
+    assert np.minimum(start[kept][:, 2], end[kept][:, 2]).min(initial=np.inf) == pytest.approx(nearest)
