@@ -12,15 +12,7 @@ from lidcam.bags.simulator.sensors.lens import Lens
 from lidcam.bags.simulator.sensors.light import Light
 from lidcam.bags.simulator.sensors.still import BESIDE_PX, Still, contrasts, lit_surfaces
 from lidcam.bags.simulator.world.motion import Poses
-from lidcam.bags.simulator.world.scene import (
-    STATIC,
-    PartHits,
-    PlacedPart,
-    Scene,
-    Surfaces,
-    mapped,
-    passing_rays,
-)
+from lidcam.bags.simulator.world.scene import STATIC, PartHits, PlacedPart, Scene, Surfaces, mapped, passing_rays
 from lidcam.pipeline.core.arrays import F32, F64, I16, I64, Bools, join_rows
 from lidcam.pipeline.core.geometry.boxes import box_corners
 
