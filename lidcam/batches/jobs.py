@@ -68,14 +68,9 @@ class BatchJob:
 def find_jobs(given: Sequence[str], out: Location) -> list[BatchJob]:
     """One job per recording, ordered by name.
 
-    Args:
-        given: Recordings, folders (also `s3://bucket/logs`), patterns (`'logs/*.bag'`), URLs, and `@list.txt` with one
-            of these per line.
-        out: The folder of the results; it is not searched.
-
-    Raises:
-        RecordingError: there are none, an input does not exist, a folder holds no recording or cannot be listed, or two
-            results would have the same name.
+    Given are recordings, folders (also `s3://bucket/logs`), patterns (`'logs/*.bag'`), URLs, and `@list.txt` with one
+    of these per line. The folder of the results, `out`, is not searched. Raises RecordingError if there are none, an
+    input does not exist, a folder holds no recording or cannot be listed, or two results would have the same name.
     """
     jobs: list[BatchJob] = []
     try:

@@ -45,10 +45,8 @@ class RayEngine(Engine):
     This process waits for as many tasks as have room, and holds their locks. Ray retries a task if its node died or ran
     out of memory, never because of its recording: a record of a failed job is a result.
 
-    `address` is that of the cluster; None starts Ray on this machine. `program` is as in `LocalEngine`.
-
-    Raises:
-        LidcamError: Ray is not installed, there is no cluster, or it has no room for a job.
+    `address` is that of the cluster; None starts Ray on this machine. `program` is as in `LocalEngine`. Raises
+    LidcamError if Ray is not installed, there is no cluster, or it has no room for a job.
     """
 
     def __init__(self, jobs: int | None, cores: int, address: str | None, program: Sequence[str] = WORKER) -> None:

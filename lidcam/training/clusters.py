@@ -118,11 +118,8 @@ def train_clusters(
 ) -> tuple[ClusterNetwork, str]:
     """Train on worlds of one or both families, numbered from the seed on, on recordings, or on equal parts of the two.
 
-    Returns:
-        The network, and its card in Markdown.
-
-    Raises:
-        RecordingError: no object is labelled in the frames to learn from, or in those to calibrate with.
+    Gives the network, and its card in Markdown. Raises RecordingError if no object is labelled in the frames to learn
+    from, or in those to calibrate with.
     """
     families: tuple[Family, ...] = () if family is None else ("road", "crossing") if family == "all" else (family,)
     held_out = max(int(worlds * HELD_OUT_SHARE), 2)

@@ -144,10 +144,8 @@ class FrameResult:
 def own_motion(bundle: SensorBundle, since_ns: int, site_frame: str, config: MotionConfig) -> F64 | None:
     """(4, 4) from the site frame at `since_ns` to that at the time of a bundle; None where it moves and how is unknown.
 
-    Without odometry, or where motion is switched off, the site frame stands still.
-
-    Raises:
-        FrameError: the motion is that of a frame other than the site frame.
+    Without odometry, or where motion is switched off, the site frame stands still. Raises FrameError if the motion is
+    that of a frame other than the site frame.
     """
     motion = bundle.motion_of(site_frame) if config.enabled else None
     if motion is None:

@@ -19,10 +19,8 @@ LFS_POINTER, LFS_REMEDY = b"version https://git-lfs", "a Git LFS pointer in its 
 def open_regular(path: Path, flags: int = 0) -> Iterator[BufferedReader]:
     """Open a regular file to read. Neither waits for a FIFO nor reads from a device that has no end.
 
-    `flags` are further ones of open(2), for instance `NO_FOLLOW`.
-
-    Raises:
-        OSError: it cannot be opened, or is no regular file.
+    `flags` are further ones of open(2), for instance `NO_FOLLOW`. Raises OSError if it cannot be opened, or is no
+    regular file.
     """
     with open(path, "rb", opener=lambda name, given: os.open(name, given | NO_WAIT | flags)) as stream:
         if not S_ISREG(os.fstat(stream.fileno()).st_mode):

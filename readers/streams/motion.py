@@ -75,10 +75,8 @@ def find_motion_source(
 
     Of several odometry topics the one with the most messages is used, then the first by name. `usual_delay_ns` is that
     of the sensors, log time minus stamp; None: the clock of the odometry is believed. `on_unused` gets the reason for
-    each odometry or tf that is not used, but for those of objects in the scene.
-
-    Raises:
-        ConfigError: the configured topic has no odometry, or odometry of a frame that is not fixed to the site frame.
+    each odometry or tf that is not used, but for those of objects in the scene. Raises ConfigError if the configured
+    topic has no odometry, or odometry of a frame that is not fixed to the site frame.
     """
     if not config.combine.motion.enabled:
         return None

@@ -93,10 +93,8 @@ def _recorded(recording: Recording, results: frozenset[str], result: Result, top
 def open_labels(path: Path, rig: Rig, config: Config) -> TruthSource | None:
     """The labels at a path as a source of truth; None if a recording lies there.
 
-    The content says what lies there, not the name; rig and settings are those of the result that is evaluated.
-
-    Raises:
-        RecordingError: there is nothing, nothing that is known, or the labels cannot be read.
+    The content says what lies there, not the name; rig and settings are those of the result that is evaluated. Raises
+    RecordingError if there is nothing, nothing that is known, or the labels cannot be read.
     """
     try:
         if path.is_dir():

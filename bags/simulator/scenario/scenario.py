@@ -264,10 +264,8 @@ def scenario_names() -> list[str]:
 def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
     """The scenario of this name or YAML file, with overrides of single values, `a.b=value`.
 
-    In an override `*` matches every name: `cameras.*.rate_hz=5`.
-
-    Raises:
-        ConfigError: the name is unknown, the file cannot be read, or a key or value is not valid.
+    In an override `*` matches every name: `cameras.*.rate_hz=5`. Raises ConfigError if the name is unknown, the file
+    cannot be read, or a key or value is not valid.
     """
     path = Path(name) if Path(name).suffix in {".yaml", ".yml"} else scenario_file(name)
     return _with(read_yaml(path), overrides, str(path))

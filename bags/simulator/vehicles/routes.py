@@ -43,10 +43,8 @@ class Route:
     def from_scenario(cls, scenario: RouteScenario) -> "Route":
         """The route through the corners of a scenario's route, each rounded with an arc.
 
-        A corner without room for its radius gets the largest that fits between the middles of its sides.
-
-        Raises:
-            ConfigError: there are too few corners, two equal ones in a row, or the route turns back on itself.
+        A corner without room for its radius gets the largest that fits between the middles of its sides. Raises
+        ConfigError if there are too few corners, two equal ones in a row, or the route turns back on itself.
         """
         corners = [np.array(point[:2]) for point in scenario.points_m]
         radii = [point[2] if len(point) == 3 else scenario.corner_radius_m for point in scenario.points_m]

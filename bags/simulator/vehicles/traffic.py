@@ -62,10 +62,8 @@ class Traffic:
 
     A step that would bring a vehicle into another one or into an obstacle leaves it at rest where it is. The vehicles
     in `driven`, none of them a pedestrian, are under remote control (`command`), whatever the scenario says. They begin
-    at their `start` if the scenario gives one, and otherwise at the start on their route.
-
-    Raises:
-        ConfigError: a route is not valid, or vehicles or obstacles overlap at the start.
+    at their `start` if the scenario gives one, and otherwise at the start on their route. Raises ConfigError if a route
+    is not valid, or vehicles or obstacles overlap at the start.
     """
 
     def __init__(self, scenario: Scenario, *, driven: Collection[str] = ()) -> None:

@@ -20,9 +20,8 @@ NO_PARTS = {"data_preprocessor", "voxel_layer", "train_cfg", "test_cfg", "init_c
 def mmdet3d_model(config: dict[str, Any], given: kit.Data) -> kit.KitModel:
     """The network of a configuration.
 
-    Raises:
-        ModelError: the network is not in pillars, or has other parts.
-        LookupError, TypeError, ValueError: a value is missing or unexpected.
+    Raises ModelError if it is not in pillars, or has other parts, and LookupError, TypeError or ValueError if a value
+    is missing or unexpected.
     """
     model, prefix = config["model"], "pts_" if "pts_voxel_encoder" in config["model"] else ""
     own = {key.removeprefix(prefix): part for key, part in model.items() if isinstance(part, dict)}

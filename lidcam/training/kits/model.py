@@ -155,9 +155,7 @@ def specs_of(
 
     `limits` are the lowest x, y, z and the highest x, y, z of its points, `cell` the sides of a pillar and its height,
     `max_points` the points in a pillar. Values that are `given` take precedence over those known for the data set.
-
-    Raises:
-        ModelError: the height of the ground is unknown, or there is more than one layer of cells.
+    Raises ModelError if the height of the ground is unknown, or there is more than one layer of cells.
     """
     classes = [name for task in head.tasks for name in task] if isinstance(head, CenterHead) else classes
     low, high = limits[:3], limits[3:]

@@ -27,9 +27,8 @@ PARTS = {
 def openpcdet_model(config: dict[str, Any], given: kit.Data) -> kit.KitModel:
     """The network of a configuration.
 
-    Raises:
-        ModelError: the network is not in pillars, or has other parts.
-        LookupError, TypeError, ValueError: a value is missing or unexpected.
+    Raises ModelError if it is not in pillars, or has other parts, and LookupError, TypeError or ValueError if a value
+    is missing or unexpected.
     """
     model, data, names = config["MODEL"], config["DATA_CONFIG"], config["CLASS_NAMES"]
     parts = {key: part["NAME"] for key, part in model.items() if isinstance(part, dict) and "NAME" in part}

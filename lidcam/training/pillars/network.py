@@ -116,10 +116,8 @@ def onnx_bytes(network: PillarNetwork, specs: PillarSpecs, learned: Grid) -> byt
 def take_weights(network: PillarNetwork, file: Path, classes: Sequence[str], learned: Grid, share: float = 1.0) -> None:
     """Load the weights of a file from `onnx_bytes` into a network for some classes, which learns in a grid.
 
-    With a share below 1, the weights become a mean of both, in which those of the file have this share.
-
-    Raises:
-        ModelError: the file cannot be read, or holds another kind of network.
+    With a share below 1, the weights become a mean of both, in which those of the file have this share. Raises
+    ModelError if the file cannot be read, or holds another kind of network.
     """
     specs = WrittenNetwork(file).specs
     wanted = f"{file}: expected a network of this version of lidcam that finds {', '.join(classes)} in pillars of"
