@@ -2,24 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from lidcam.bags.simulator.scenario.scenario import SunScenario
-from lidcam.bags.simulator.scenario.sensors import CameraScenario
-from lidcam.bags.simulator.sensors.camera import Camera
 from lidcam.bags.simulator.world.mesh import Material, Mesh, box, merged, polygon
-from lidcam.bags.simulator.world.motion import (
-    FixedPath,
-    MountedPath,
-    Mover,
-    Part,
-    Path,
-    Poses,
-    UprightBox,
-    upright_poses,
-)
+from lidcam.bags.simulator.world.motion import FixedPath, Mover, Part, Path, Poses, UprightBox, upright_poses
 from lidcam.bags.simulator.world.scene import Scene
 from lidcam.pipeline.core.arrays import F64, I64
 from lidcam.pipeline.core.geometry.transform import Transform
@@ -29,13 +16,6 @@ GREY = Material("grey", (0.5, 0.5, 0.5), 0.25)
 BLACK = Material("black", (0.0, 0.0, 0.0), 0.01)
 RETRO = Material("reflector", (1.0, 1.0, 1.0), 5.0)
 GLASS = Material("glass", (0.1, 0.1, 0.1), 0.01, mirror=0.1, transmission=0.8)
-
-LENSES: dict[str, dict[str, Any]] = {
-    "pinhole": {},
-    "barrel": {"distortion": (-0.25, 0.08, 0.001, -0.0005, 0.0)},
-    "fisheye": {"distortion_model": "equidistant", "distortion": (-0.02, 0.003, 0.0, 0.0)},
-}
-"""Settings of cameras."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,15 +55,6 @@ def box_mover(
     return Mover(
         name, "car", path, center, size_m, (Part(box(center, size_m, material), path),), UprightBox(center, size_m)
     )
-
-
-def camera_on(scene: Scene, sun: SunScenario, carrier: Path | None, *, seed: int = 1, **settings: Any) -> Camera:
-    """A camera without noise unless the settings say so, on a carrier or on the site."""
-    topics = {"topic": "/image", "info_topic": "/info", "frame_id": "optical"}
-    scenario = CameraScenario.model_validate(topics | {"noise": 0.0} | settings)
-    mount = scenario.T_carrier_body("carrier")
-    body = FixedPath(mount) if carrier is None else MountedPath(carrier, mount)
-    return Camera("front", scenario, body, scene, sun, seed)
 
 
 def scene(meshes: Sequence[Mesh] = (), movers: Sequence[Mover] = ()) -> Scene:

@@ -6,18 +6,23 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_worlds import LENSES, EvenPath, box_mover, camera_on, scene
+from small_worlds import EvenPath, box_mover, scene
 
 from lidcam.bags.simulator.recorder.stage import build_mover
 from lidcam.bags.simulator.scenario.scenario import SunScenario, VehicleScenario
-from lidcam.bags.simulator.scenario.sensors import Detector2DScenario
+from lidcam.bags.simulator.scenario.sensors import CameraScenario, Detector2DScenario
 from lidcam.bags.simulator.sensors.camera import Camera, CameraImage
 from lidcam.bags.simulator.sensors.visibility import Detected, Visibility, detect, visibility, visible_boxes
 from lidcam.bags.simulator.world.mesh import Mesh, box
-from lidcam.bags.simulator.world.motion import Mover, Path, State, Trajectory, placed_vertices
+from lidcam.bags.simulator.world.motion import FixedPath, MountedPath, Mover, Path, State, Trajectory, placed_vertices
 from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.geometry.boxes import box_corners
 
+LENSES: dict[str, dict[str, Any]] = {
+    "pinhole": {},
+    "barrel": {"distortion": (-0.25, 0.08, 0.001, -0.0005, 0.0)},
+    "fisheye": {"distortion_model": "equidistant", "distortion": (-0.02, 0.003, 0.0, 0.0)},
+}
 WIDTH, HEIGHT = 200, 150
 
 
@@ -25,8 +30,11 @@ def camera_at(
     movers: list[Mover], *, static: tuple[Mesh, ...] = (), carrier: Path | None = None, **changes: Any
 ) -> Camera:
     """A camera 1 m above the origin that looks along x."""
-    changes |= {"position_m": (0, 0, 1), "width_px": WIDTH, "height_px": HEIGHT, "focal_px": (150.0, 150.0)}
-    return camera_on(scene(static, movers), SunScenario(shadows=False), carrier, **changes)
+    values = {"width_px": WIDTH, "height_px": HEIGHT, "focal_px": (150.0, 150.0), "noise": 0.0} | changes
+    scenario = CameraScenario(topic="/i", info_topic="/n", frame_id="optical", position_m=(0, 0, 1), **values)
+    mount = scenario.T_carrier_body("carrier")
+    body: Path = FixedPath(mount) if carrier is None else MountedPath(carrier, mount)
+    return Camera("front", scenario, body, scene(static, movers), SunScenario(shadows=False), 1)
 
 
 def seen(movers: list[Mover], *, time_ns: int = 0, **how: Any) -> tuple[CameraImage, Visibility]:
