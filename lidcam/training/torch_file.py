@@ -14,9 +14,8 @@ from lidcam.pipeline.core.small_files import open_regular
 def torch_file(path: Path) -> Iterator[BinaryIO]:
     """An open file for `torch.load`. Neither waits for a FIFO, nor lets an archive grow when it is unpacked.
 
-    Raises:
-        OSError: it cannot be opened, or is no regular file.
-        ValueError: it would grow; PyTorch does not compress.
+    Raises OSError if it cannot be opened, or is no regular file, and ValueError if it would grow: PyTorch does not
+    compress.
     """
     with open_regular(path) as file:
         if is_zipfile(file):

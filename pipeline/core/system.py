@@ -37,10 +37,8 @@ def check_writable_here() -> None:
 def lock_file(file: IO[bytes], *, is_awaited: bool = False) -> None:
     """Hold the lock of an open file as long as it is open (flock: gone with the process).
 
-    Raises:
-        BlockingIOError: another process has it, and is not awaited.
-        OSError: the file system has no locks.
-        OutputError: the system has none.
+    Raises BlockingIOError if another process has it, and is not awaited, OSError if the file system has no locks, and
+    OutputError if the system has none.
     """
     check_writable_here()
     fcntl.flock(file, fcntl.LOCK_EX | (0 if is_awaited else fcntl.LOCK_NB))

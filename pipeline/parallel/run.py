@@ -48,22 +48,15 @@ def run_parallel(
     needed: Callable[[F], F] = lambda frame: frame,
     started: Sequence[WorkerProcess] = (),
 ) -> Generator[R, None, None]:
-    """The sink's value for each frame, in order.
+    """The sink's value for each frame, in order. Frames are read on the calling thread.
 
-    An error of a stage is raised when the frames before it are out, as by `Graph.run`; so is one of `frames`.
+    The stages of `Graph.parts(sink).ordered` are called in this process. `make_graph` makes the free stages anew, in
+    another process: with the same names, in the same order. `needed` reduces a frame to what they read of it, before it
+    is sent to one. To the processes that have been `started` come more when they are worth it for the `expected` number
+    of frames.
 
-    Args:
-        graph: The stages; those of `Graph.parts(sink).ordered` are called in this process.
-        sink: Handle of the values to yield.
-        frames: Read on the calling thread.
-        limits: Limits of the frames in work.
-        make_graph: Makes the free stages of `graph` anew, in another process: with the same names, in the same order.
-        expected: Expected number of frames.
-        needed: Reduces a frame to what the free stages read of it, before it is sent to another process.
-        started: Processes that have been started; more are when they are worth it.
-
-    Raises:
-        WorkerError: another process cannot be started, or dies.
+    An error of a stage is raised when the frames before it are out, as by `Graph.run`; so is one of `frames`, and a
+    WorkerError if another process cannot be started, or dies.
     """
     setup = Setup(make_graph, tuple(node.name for node in graph.parts(sink).handed), log_levels())
     yield from _Run(graph, sink, limits, needed, setup, expected, iter(frames)).results(started)

@@ -41,9 +41,7 @@ def connected() -> tuple[socket.socket, socket.socket]:
 def send(connection: socket.socket, value: object) -> None:
     """Send an object; waits until the other side has taken it, but for what the system holds.
 
-    Raises:
-        OSError: the other side is gone.
-        Exception: whatever the object raises when it is pickled; then nothing was sent.
+    Raises OSError if the other side is gone, and what the object raises when it is pickled: then nothing was sent.
     """
     _write_all(connection.sendmsg, _parts(value))
 
@@ -60,9 +58,8 @@ def receive(connection: socket.socket) -> object:
 def dump(value: object, file: io.FileIO) -> None:
     """Write an object at the current position of a file.
 
-    Raises:
-        OSError: it cannot be written; a part of it may have been.
-        Exception: whatever the object raises when it is pickled; then nothing was written.
+    Raises OSError if it cannot be written, of which a part may have been, and what the object raises when it is
+    pickled: then nothing was written.
     """
     _write_all(partial(os.writev, file.fileno()), _parts(value))
 
@@ -70,9 +67,7 @@ def dump(value: object, file: io.FileIO) -> None:
 def load(file: io.FileIO) -> object:
     """The object that `dump` wrote at the current position of a file, which only this process can write.
 
-    Raises:
-        EOFError: the file ends before the object does.
-        OSError: it cannot be read.
+    Raises EOFError if the file ends before the object does, and OSError if it cannot be read.
     """
     return _value(file.readinto)
 

@@ -51,9 +51,7 @@ class RecordedBoxes3D:
     def _pose(self, detector: RecordedDetector, frame: str, stamp_ns: int, bundle: SensorBundle) -> F64:
         """(4, 4) T_site_frame from where the boxes were at their stamp to the site frame at the frame's time.
 
-        Raises:
-            MessageError: nothing joins the frames at that time.
-            FrameError: the motion is that of a frame other than the site frame.
+        Raises MessageError if nothing joins the frames at that time, and FrameError if the motion is of another frame.
         """
         motion_config, site_frame = self._config.combine.motion, self._rig.site_frame
         if frame in detector.T_site_frame:

@@ -73,11 +73,8 @@ class OdometryTruth(TruthSource):
     A moment is covered if the poses of all vehicles are known at it, interpolated between two messages.
 
     `recording` has the odometry: the recording, or a result that its topics were copied to. `transforms` join the
-    frames in which vehicles move, where these are several.
-
-    Raises:
-        RecordingError: a topic was not recorded, or is no odometry.
-        ConfigError: a vehicle is of no configured class.
+    frames in which vehicles move, where these are several. Raises RecordingError if a topic was not recorded, or is no
+    odometry, and ConfigError if a vehicle is of no configured class.
     """
 
     def __init__(

@@ -120,9 +120,8 @@ class VelodyneDecoders:
 class VelodyneDecoder:
     """Decodes the scans of one lidar, by the settings and by what the packets say about the sensor.
 
-    Raises:
-        ConfigError: the configured model needs a calibration file, or the file cannot be read.
-        CalibrationError: the calibration file does not fit the configured model.
+    Raises ConfigError if the configured model needs a calibration file, or the file cannot be read, and
+    CalibrationError if the file does not fit the model.
     """
 
     def __init__(self, settings: VelodyneConfig) -> None:
