@@ -57,8 +57,7 @@ def varied(
 ) -> tuple[F64, TrueBoxes, F64]:
     """Mirror, turn about the middle and stretch a frame, and lift it as if the ground was found a little wrong.
 
-    Returns:
-        (N, 3) points, the objects, and the matrix (3, 3) that changed both; heights are also lifted.
+    Returns (N, 3) points, the objects, and the matrix (3, 3) that changed both; heights are also lifted.
     """
     mirror, angle = np.array([1.0, draw.choice([-1.0, 1.0]), 1.0]), draw.uniform(-turn_rad, turn_rad)
     size, lift_m = draw.uniform(0.93, 1.07), draw.normal(0, 0.01) * position[:, 2].max(initial=0.0)

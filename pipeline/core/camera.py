@@ -121,9 +121,8 @@ class CameraModel:
     def project(self, points_camera: npt.NDArray[np.floating]) -> tuple[F64, Bools]:
         """Pixels of points (..., 3) in the optical frame, metres, and whether they are valid.
 
-        Returns:
-            (..., 2) pixels, and (...) whether each point is in front of the camera and within the range of the lens
-            model; the other pixels are meaningless. Points outside the image are kept.
+        Returns (..., 2) pixels, and (...) whether each point is in front of the camera and within the range of the lens
+        model; the other pixels are meaningless. Points outside the image are kept.
         """
         points = np.ascontiguousarray(points_camera, np.float64)
         is_equidistant, limit = np.array([self.model == "equidistant"]), np.array([self.radius_limit])

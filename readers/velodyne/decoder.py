@@ -140,10 +140,9 @@ class VelodyneDecoder:
     def decode(self, message: RawMessage) -> tuple[PointCloud, tuple[Drop, ...]]:
         """The points of a scan in the order of the packets' bytes, and the packets that were not used.
 
-        Returns:
-            The cloud at the message's stamp, with ring, time and return type of every point. The scan may have any
-            length and begin anywhere. Two returns at equal distance become one point of type "both". Packets with
-            blocks that are not marked as this model marks them are dropped.
+        Returns the cloud at the message's stamp, with ring, time and return type of every point. The scan may have any
+        length and begin anywhere. Two returns at equal distance become one point of type "both". Packets with blocks
+        that are not marked as this model marks them are dropped.
         """
         packets = parse_velodyne_scan(message)
         drops = [_drop(message, "packets that cannot be decoded", fault, 1) for fault in message.defects]

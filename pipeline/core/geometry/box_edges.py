@@ -22,8 +22,7 @@ def edge_samples(corners_camera: F64, near_m: float) -> tuple[F64, Bools]:
 def edges_ahead(corners_camera: F64, near_m: float) -> tuple[F64, F64, Bools]:
     """The 12 edges of boxes, given by corners (N, 8, 3) in the optical frame, cut at the depth `near_m`.
 
-    Returns:
-        (N, 12, 3) starts and (N, 12, 3) ends of the edges; (N, 12) whether anything of each is left.
+    Returns (N, 12, 3) starts and (N, 12, 3) ends of the edges; (N, 12) whether anything of each is left.
     """
     start, end = corners_camera[:, BOX_EDGES[:, 0]], corners_camera[:, BOX_EDGES[:, 1]]
     z0, z1 = start[..., 2:], end[..., 2:]
@@ -53,10 +52,8 @@ def sample_by_angle(start: F64, end: F64, count: int) -> F64:
 def clip_segments(segments: F64, limits: F64) -> tuple[F64, Bools]:
     """Segments clipped to rectangles from (0, 0) to their widths and heights, `limits` (2,) of all or (N, 2) of each.
 
-    After Liang and Barsky, "A new concept and method for line clipping", ACM TOG 3(1), 1984.
-
-    Returns:
-        (N, 2, 2) the parts inside, both ends, x and y; (N,) whether there is one, else the row is meaningless.
+    After Liang and Barsky, "A new concept and method for line clipping", ACM TOG 3(1), 1984. Returns (N, 2, 2) the
+    parts inside, both ends, x and y; (N,) whether there is one, else the row is meaningless.
     """
     start, way = segments[:, 0], segments[:, 1] - segments[:, 0]
     moves = way != 0

@@ -57,10 +57,8 @@ def pair_overlaps_xyxy(first: Array, second: Array) -> tuple[F64, F64]:
     """Intersection over union, plain and generalised, of pairs of rectangles (..., 4): left, top, right, bottom.
 
     The generalised one (Rezatofighi et al., "Generalized Intersection over Union", CVPR 2019) is the plain one less the
-    share of the smallest rectangle around both that neither fills: it tells near misses from far ones.
-
-    Returns:
-        (...) in [0, 1], 0 if a rectangle is empty, inverted or not finite; (...) in [-1, 1], then -1.
+    share of the smallest rectangle around both that neither fills: it tells near misses from far ones. Returns (...) in
+    [0, 1], 0 if a rectangle is empty, inverted or not finite; (...) in [-1, 1], then -1.
     """
     a, b = np.asarray(first, np.float64), np.asarray(second, np.float64)
     with np.errstate(invalid="ignore"):

@@ -24,10 +24,8 @@ def points_in_footprints(xyz: F32, centers_xy: F64, sizes_xy: F64, yaws: F64) ->
 def points_in_regions(xyz: F32, planes: F64) -> tuple[I64, I64]:
     """Which points (N, 3) lie in which of R convex regions.
 
-    `planes` (R, K, 4) are a, b, c, d of those around each region: within is where a x + b y + c z + d >= 0.
-
-    Returns:
-        (P,) rows of the points, sorted by region and then by row, and (P,) the region of each; a point that lies in
-        several comes several times.
+    `planes` (R, K, 4) are a, b, c, d of those around each region: within is where a x + b y + c z + d >= 0. Returns
+    (P,) rows of the points, sorted by region and then by row, and (P,) the region of each; a point that lies in several
+    comes several times.
     """
     return kernels.points_in_regions(np.ascontiguousarray(xyz), np.ascontiguousarray(planes))

@@ -19,10 +19,8 @@ MAX_BEND_PX = 0.5
 def draw_edges(models: Sequence[CameraModel], corners_camera: F64, cameras: Indices) -> tuple[F32, Indices]:
     """The edges of boxes, each in the image of one of the `cameras` (N,), rows of `models`.
 
-    Boxes have corners (N, 8, 3) in the order of `geometry.box_corners`, metres in the optical frame.
-
-    Returns:
-        (M, 2, 2) straight pieces, both ends in pixels, box after box; (M,) row of the box of each piece.
+    Boxes have corners (N, 8, 3) in the order of `geometry.box_corners`, metres in the optical frame. Returns (M, 2, 2)
+    straight pieces, both ends in pixels, box after box; (M,) row of the box of each piece.
     """
     start, end, in_front = edges_ahead(corners_camera, NEAR_M)
     boxes, _ = np.nonzero(in_front)

@@ -70,8 +70,7 @@ class Lenses(CheckedTable):
     def project(self, points_camera: F64) -> tuple[F64, Bools]:
         """`CameraModel.project` of points (P, S, 3), each row by its own camera.
 
-        Returns:
-            (P, S, 2) pixels, and (P, S) whether each point is in front of its camera and within its lens model.
+        Returns (P, S, 2) pixels, and (P, S) whether each point is in front of its camera and within its lens model.
         """
         return pixels_of_points(np.ascontiguousarray(points_camera), *self.arrays)
 
@@ -79,11 +78,9 @@ class Lenses(CheckedTable):
         """Directions of the pixels (P, S, 2) of each camera: the inverse of projection, lens distortion included.
 
         By Newton's method from the ray of a lens without distortion. The lens bends a radius by a monotone function, so
-        that it converges wherever the lens model has an image of a ray.
-
-        Returns:
-            (P, S, 3) directions in the optical frames, of depth 1; and (P, S) whether there is such a ray. Where there
-            is none, the direction is the optical axis.
+        that it converges wherever the lens model has an image of a ray. Returns (P, S, 3) directions in the optical
+        frames, of depth 1; and (P, S) whether there is such a ray. Where there is none, the direction is the optical
+        axis.
         """
         return rays_of_pixels(np.ascontiguousarray(pixels), *self.arrays)
 
