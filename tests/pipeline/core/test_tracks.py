@@ -17,12 +17,9 @@ def test_nothing_is_known_of_objects_without_tracks(count: int) -> None:
     assert tracks.speeds.tolist() == [0.0] * count
 
 
-def test_speeds_are_those_over_the_ground() -> None:
-    assert replace(Tracks.none(2), velocities=np.array([[3.0, -4.0], [0.0, 1.0]])).speeds.tolist() == [5.0, 1.0]
-
-
-def test_a_motion_that_is_not_known_is_no_speed() -> None:
+def test_speeds_are_those_over_the_ground_where_the_motion_is_known() -> None:
     tracks = replace(Tracks.none(2), velocities=np.array([[3.0, -4.0], [0.0, 1.0]]), yaw_rates=np.ones(2))
+    assert tracks.speeds.tolist() == [5.0, 1.0]
     tracks = tracks.without_motion(np.array([False, True]))
     np.testing.assert_array_equal(tracks.speeds, [5.0, np.nan])
     np.testing.assert_array_equal(tracks.motions, [[3, -4, 1], [np.nan] * 3])

@@ -144,16 +144,14 @@ def test_big_endian() -> None:
 
 @pytest.mark.parametrize("header_offset_ns", [0, 98_000_000, -3_000_000])
 def test_times_do_not_depend_on_what_the_header_means(header_offset_ns: int) -> None:
-    payload, stamps_ns = random_packets("VLP-16", packets=70)
-    cloud = decoder()(scan(payload, stamps_ns, stamp_ns=START_NS + header_offset_ns))
+    cloud = decoder()(scan(*random_packets("VLP-16", packets=70), stamp_ns=START_NS + header_offset_ns))
     assert cloud.has_time
     assert cloud.stamp_ns == START_NS + header_offset_ns
     assert cloud.stamp_ns + int(cloud.time_offset_ns[0]) == pytest.approx(START_NS, abs=40_000)
 
 
 def test_two_clocks_put_the_last_packet_at_the_header() -> None:
-    payload, stamps_ns = random_packets("VLP-16", packets=70)
-    cloud = decoder()(scan(payload, stamps_ns, stamp_ns=START_NS + 10**15))
+    cloud = decoder()(scan(*random_packets("VLP-16", packets=70), stamp_ns=START_NS + 10**15))
     assert cloud.stamp_ns == START_NS + 10**15
     assert int(cloud.time_offset_ns[-1]) == pytest.approx(1_327_000, abs=100_000)
     assert int(cloud.time_offset_ns[0]) == pytest.approx(-69 * 1_327_104, abs=100_000)
