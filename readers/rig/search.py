@@ -18,7 +18,7 @@ from lidcam.readers.rig.calibration import rigid_transform
 from lidcam.readers.rig.detectors import BOXES_3D, boxes_frame, find_detector_topics, usable_boxes
 from lidcam.readers.rig.first_messages import FirstMessages
 from lidcam.readers.rig.schema import Edges, RigFile
-from lidcam.readers.rig.sensor_topics import CAMERA_INFO, CLOUD, OPTICAL, Findings
+from lidcam.readers.rig.sensor_topics import CAMERA_INFO, CLOUD, OPTICAL, Findings, topics_with_messages
 from lidcam.readers.rig.topic_names import place
 from lidcam.readers.rig.topics.cameras import find_camera_topics
 from lidcam.readers.rig.topics.lidars import find_lidar_topics
@@ -93,7 +93,7 @@ def find_sensors(
                 "the settings say `topics.lidars: []`, no lidar: name one, or leave it out to use all"
             )
         if not of_lidars.faults:
-            raise RecordingError(_no_clouds(recording, config, of_detectors))
+            raise RecordingError(_no_clouds(recording, config, of_lidars, of_detectors))
     camera_topics = find_camera_topics(
         recording,
         config.topics,
@@ -220,7 +220,7 @@ def _site_of_boxes(boxes_frames: Sequence[str], camera_frames: set[str], transfo
     return _site_frame([frame for frame in boxes_frames if frame], camera_frames, transforms) or "site"
 
 
-def _no_clouds(recording: Recording, config: Config, of_detectors: Findings) -> str:
+def _no_clouds(recording: Recording, config: Config, of_lidars: Findings, of_detectors: Findings) -> str:
     apart = f", apart from {', '.join(config.topics.exclude)}" if config.topics.exclude else ""
     expected = (
         f"{', '.join(str(path) for path in recording.paths)}: expected a topic of lidar clouds ({CLOUD_TYPES}){apart}"
@@ -238,8 +238,11 @@ def _no_clouds(recording: Recording, config: Config, of_detectors: Findings) -> 
         )
     if lines := undecoded(recording, recording.topics):
         return f"{expected}; found {'; '.join(lines[:MAX_LISTED])}"
+    if clouds := [info.topic for info in topics_with_messages(recording, CLOUD, config.topics)][:MAX_LISTED]:
+        reasons = "; ".join(note for note in of_lidars.notes if note.partition(": ")[0] in clouds)
+        return f"{expected}; found {reasons}; to use them: --set 'topics.lidars=[{','.join(clouds)}]'"
     there = any(info.msgtype in CLOUD for info in recording.topics)
-    remedy = "see topics.exclude and topics.lidars of the settings" if there else "record the clouds of the driver, too"
+    remedy = "see topics.exclude of the settings" if there else "record the clouds of the driver, too"
     return f"{expected}; found topics: {_listed(recording.topics) or 'none'}; {remedy}"
 
 

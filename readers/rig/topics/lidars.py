@@ -91,7 +91,7 @@ def find_lidar_topics(
     for topic, source in sources.items():
         if source and not transforms.are_joined(first.frame(topic, CLOUD), first.frame(source, CLOUD)):
             sources[topic] += ", or of a lidar that no transform joins with it"
-    return sensors_of(sources, "lidars", notes, of_rig, was_choice=len(notes) > before)
+    return sensors_of(sources, "lidars", notes, of_rig, was_choice=len(notes) > before or infos != measured)
 
 
 def _piece_note(recording: Recording, info: TopicInfo) -> str:

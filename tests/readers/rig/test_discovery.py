@@ -194,7 +194,8 @@ PANDAR = Channel("/hesai/packets", "pandar_msgs/msg/PandarScan", "cdr", "", "ros
     [
         ([A], {"rig": {"site_frame": "map"}}, r"usable.*a \(/a_points\): no transform joins.*rig file"),
         ([A], {"topics": {"lidars": ["/none"]}}, r"in this recording: .*/none.*; correct topics\.lid"),
-        ([A], {"topics": {"exclude": ["/a*"]}}, r"apart from /a.*topics\.exclude and topics\.lidars"),
+        ([A], {"topics": {"exclude": ["/a*"]}}, r"apart from /a.*see topics\.exclude"),
+        ([cloud("/depth/points", "c")], {}, r"by its name, not used; to use them: .*topics\.lidars=\[/depth/points"),
         ([image_message("/camera/image_raw", "c")], {}, r"a topic of lidar clouds.*/camera/image_raw \(sensor_msgs"),
         ([], {}, "found topics: none"),
         ([image_message(f"/camera{i}/image_raw", "camera") for i in range(15)], {}, "and 5 more"),
