@@ -71,7 +71,7 @@ MAX_LINES = {
     "pipeline/native": (3300, 0),
     "pipeline/parallel": (850, 490),
     "pipeline/stages": (3180, 3330),
-    "pipeline/tracking": (2390, 1130),
+    "pipeline/tracking": (2490, 1140),
     "readers": (970, 530),
     "readers/files": (3300, 1900),
     "readers/messages": (3030, 2480),

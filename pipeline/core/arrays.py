@@ -108,23 +108,24 @@ class CheckedTable(Table):
 
 
 def join_rows(*records: Record) -> Record:
-    """One record of parallel arrays with the rows of each, one after another; other fields are those of the first."""
-    first, names = records[0], _names(type(records[0]))
-    return type(first)(
-        *[
-            np.concatenate([getattr(one, name) for one in records]) if isinstance(value, np.ndarray) else value
-            for name, value in zip(names, [getattr(first, name) for name in names], strict=True)
-        ]
-    )
+    """One record with the rows of each, one after another, and of its tables; other fields are those of the first."""
+    columns: dict[str, Any] = {}
+    for name in _names(type(records[0])):
+        values = [getattr(one, name) for one in records]
+        is_array, is_table = isinstance(values[0], np.ndarray), isinstance(values[0], Table)
+        columns[name] = np.concatenate(values) if is_array else join_rows(*values) if is_table else values[0]
+    return type(records[0])(**columns)
 
 
 def replace_rows(record: Record, rows: Indices, part: Record) -> Record:
-    """A copy of a record in which the given rows of each array are those of `part`, in its order; other fields stay."""
+    """A copy of a record with the given rows of each array, and of tables in it, from `part`; other fields stay."""
     columns = {name: getattr(record, name) for name in _names(type(record))}
     for name, values in columns.items():
         if isinstance(values, np.ndarray):
             columns[name] = values.copy()
             columns[name][rows] = getattr(part, name)
+        elif isinstance(values, Table):
+            columns[name] = replace_rows(values, rows, getattr(part, name))
     return type(record)(**columns)
 
 

@@ -16,9 +16,9 @@ from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.detectors.log_odds import logit, softly_limited
 from lidcam.pipeline.fusion.assignment import assign
 from lidcam.pipeline.fusion.belief.odds import probability
+from lidcam.pipeline.tracking.modes import Modes
 from lidcam.pipeline.tracking.motion import (
     HEADING,
-    ROBUST_DISTANCE,
     SPEED,
     STATE,
     TURN,
@@ -29,8 +29,6 @@ from lidcam.pipeline.tracking.motion import (
     expected,
     innovations,
     predicted,
-    updated,
-    with_possible_turns,
 )
 from lidcam.pipeline.tracking.sightings import (
     FORWARD_LOG_ODDS,
@@ -121,8 +119,7 @@ class _Live(Table):
     """N live tracks. Positions are those of the rear axles if the front is known, else those of the centres."""
 
     ids: I64
-    states: F64
-    covariances: F64
+    modes: Modes
     log_odds: F64
     votes: F64
     born_s: F64
@@ -140,7 +137,7 @@ class _Live(Table):
 
     @property
     def motions(self) -> Motions:
-        return Motions(self.states, self.covariances)
+        return self.modes.combined()
 
     @property
     def class_ids(self) -> I64:
@@ -204,10 +201,10 @@ class OnlineTracker:
         return []
 
     def _predicted(self, live: _Live, after_s: float) -> _Live:
-        moved, _ = predicted(live.motions, after_s, self._priors.noise[live.class_ids])
-        along_m = live.along_m + live.states[:, SPEED] * after_s
+        along_m = live.along_m + live.motions.states[:, SPEED] * after_s
         log_odds = FADED_LOG_ODDS + (live.log_odds - FADED_LOG_ODDS) * np.exp(-after_s / MEMORY_S)
-        return replace(live, states=moved.states, covariances=moved.covariances, log_odds=log_odds, along_m=along_m)
+        modes = live.modes.predicted(after_s, self._priors.noise[live.class_ids])
+        return replace(live, modes=modes, log_odds=log_odds, along_m=along_m)
 
     def _assigned(self, live: _Live, sightings: Sightings, noise: F64) -> Indices:
         """(N,) track of each sighting; -1 for none."""
@@ -223,21 +220,21 @@ class OnlineTracker:
     def _pairs(self, live: _Live, sightings: Sightings, noise: F64, gate: float) -> tuple[Indices, Indices]:
         """Rows of tracks and of sightings that belong together."""
         track, row = np.nonzero(_within_reach(live, sightings, noise, gate))
-        motions = Motions(live.states[track], live.covariances[track])
-        boxes, slopes = expected(motions, sightings.later_s[row], live.rear_m[track])
-        spread = slopes @ motions.covariances @ slopes.swapaxes(1, 2) + noise[row]
-        innovation = innovations(sightings.boxes[row], boxes)
-        x, y, xx, xy, yy = innovation[:, 0], innovation[:, 1], spread[:, 0, 0], spread[:, 0, 1], spread[:, 1, 1]
-        determinant = xx * yy - xy**2
-        distance = (yy * x**2 - 2 * xy * x * y + xx * y**2) / determinant
-        class_ids = sightings.class_ids[row]
-        turned = np.minimum(innovation[:, 2] ** 2 / (spread[:, 2, 2] + HEADING_SIGMA_RAD**2), MAX_HEADING_COST)
-        turned[~self._priors.show_axis[class_ids]] = 0.0
+        modes, class_ids, noise = live.modes.select(track), sightings.class_ids[row], noise[row]
+        scale_m2, turns = self._priors.scales_m[live.class_ids[track]] ** 2, self._priors.show_axis[class_ids]
+        distances, likelihoods = [], []
+        for motions, share in ((modes.standing, 1 - modes.moves), (modes.moving, modes.moves)):
+            boxes, slopes = expected(motions, sightings.later_s[row], live.rear_m[track])
+            spread = slopes @ motions.covariances @ slopes.swapaxes(1, 2) + noise
+            innovation = innovations(sightings.boxes[row], boxes)
+            x, y, xx, xy, yy = innovation[:, 0], innovation[:, 1], spread[:, 0, 0], spread[:, 0, 1], spread[:, 1, 1]
+            determinant = xx * yy - xy**2
+            distances.append((yy * x**2 - 2 * xy * x * y + xx * y**2) / determinant)
+            turned = np.minimum(innovation[:, 2] ** 2 / (spread[:, 2, 2] + HEADING_SIGMA_RAD**2), MAX_HEADING_COST)
+            cost = distances[-1] + np.log(determinant / scale_m2**2) + HEADING_WEIGHT * turns * turned
+            likelihoods.append(np.log(share) - cost / 2)
+        distance, costs = np.minimum(*distances), -2 * np.logaddexp(*likelihoods)
         shares = live.votes[track, class_ids] / live.votes.sum(1)[track]
-        # An object that was seen once moves or stands, which is as likely.
-        scale_m2, both_m2 = self._priors.scales_m[live.class_ids[track]] ** 2, noise[row, 0, 0] + noise[row, 1, 1]
-        standing = np.where(live.hits[track] == 1, (x**2 + y**2) / both_m2 + 2 * np.log(both_m2 / scale_m2), np.inf)
-        costs = np.minimum(distance + np.log(determinant / scale_m2**2), standing) + HEADING_WEIGHT * turned
         costs -= 2 * np.log(SAME_CLASS_LIKELIHOOD * shares + ANY_CLASS_LIKELIHOOD)
         costs -= 2 * np.log(np.maximum(sightings.beliefs[row], 0.05))
         matrix, fits = np.zeros((len(live), len(sightings))), distance < gate
@@ -255,11 +252,11 @@ class OnlineTracker:
         log_odds = live.log_odds + np.where(missed, EVIDENCE_WEIGHT * np.log(1 - hit_share), 0.0)
         live = replace(live, log_odds=log_odds, frames=live.frames + 1)
         seen, beliefs = live.select(tracks), sightings.beliefs
-        boxes, slopes = expected(seen.motions, sightings.later_s, seen.rear_m)
         are_parts = shows_part(sightings.class_ids, seen.class_ids, self._priors)
         noise = np.where(are_parts[:, None, None], WEAK_NOISE, 1.0) * noise
-        after = updated(seen.motions, innovations(sightings.boxes, boxes), slopes, noise, ROBUST_DISTANCE)
-        after = with_possible_turns(after, self._priors.noise[seen.class_ids, -1])
+        rolling_m_s = self._priors.noise[seen.class_ids, -1]
+        modes = seen.modes.updated(sightings.boxes, sightings.later_s, seen.rear_m, noise, rolling_m_s)
+        after = modes.combined()
         shows_size = np.where(are_parts, NO_BELIEF, beliefs)
         weights = size_weights(sightings, shows_size, self._priors.are_solid[seen.class_ids])
         votes = seen.votes.copy()
@@ -269,8 +266,7 @@ class OnlineTracker:
         by_speed = -0.5 * (after.states[:, SPEED] / self._priors.speeds[seen.class_ids]) ** 2 * (seen.hits == 1)
         seen = replace(
             seen,
-            states=after.states,
-            covariances=after.covariances,
+            modes=modes,
             log_odds=seen.log_odds + EVIDENCE_WEIGHT * (logit(beliefs) + by_speed),
             votes=votes,
             seen_s=np.full(len(seen), self._now_s),
@@ -298,19 +294,21 @@ class OnlineTracker:
         turned = np.where(moved, shown < 0, ~live.fronts_known & (live.front_votes < 0))
         if not turned.any() and not (known & ~live.fronts_known).any():
             return live
-        centers = at_centers(live.motions, live.rear_m)
-        states, covariances = centers.states.copy(), centers.covariances.copy()
         signs = np.where(turned, -1.0, 1.0)
-        states[turned, HEADING] += np.pi
-        states[turned, SPEED] *= -1
-        covariances[:, SPEED] *= signs[:, None]
-        covariances[:, :, SPEED] *= signs[:, None]
         rear_m = np.where(known, self._priors.select(live.class_ids).rear_m(lengths), 0.0)
-        after = at_rear_axles(Motions(states, covariances), rear_m)
+
+        def turn(motions: Motions) -> Motions:
+            centers = at_centers(motions, live.rear_m)
+            states, covariances = centers.states, centers.covariances
+            states[turned, HEADING] += np.pi
+            states[:, SPEED] *= signs
+            covariances[:, SPEED] *= signs[:, None]
+            covariances[:, :, SPEED] *= signs[:, None]
+            return at_rear_axles(centers, rear_m)
+
         return replace(
             live,
-            states=after.states,
-            covariances=after.covariances,
+            modes=live.modes.in_both(turn),
             along_m=signs * live.along_m,
             front_votes=signs * live.front_votes,
             rear_m=rear_m,
@@ -340,9 +338,8 @@ class OnlineTracker:
         covariances[:, SPEED, SPEED] = self._priors.speeds[sightings.class_ids] ** 2
         covariances[:, TURN, TURN] = 0.5**2
         # Boxes are measured beside the stamp of the frame: how far beside is as unknown as the speed.
-        motions, _ = predicted(
-            Motions(states, covariances), -sightings.later_s, self._priors.noise[sightings.class_ids]
-        )
+        measured = Motions(states, covariances)
+        motions, _ = predicted(measured, -sightings.later_s, self._priors.noise[sightings.class_ids])
         beliefs, now_s = sightings.beliefs, np.full(n, self._now_s)
         log_odds = EVIDENCE_WEIGHT * (logit(beliefs) + DOUBT_LOG_ODDS * len(self._recent_s))
         votes = np.full((n, len(self._priors)), 1e-3)
@@ -351,8 +348,7 @@ class OnlineTracker:
         first_id, self._next_id = self._next_id, self._next_id + n
         return _Live(
             ids=np.arange(first_id, first_id + n),
-            states=motions.states,
-            covariances=motions.covariances,
+            modes=Modes.of_new(measured, motions),
             log_odds=softly_limited(log_odds, MAX_NEW_LOG_ODDS),
             votes=votes,
             born_s=now_s,
@@ -385,7 +381,7 @@ class OnlineTracker:
             ages_s=self._now_s - live.born_s,
             fronts_known=live.fronts_known,
             speeds_known=(live.hits >= MIN_MEASUREMENTS)
-            & (np.abs(live.states[:, SPEED]) <= self._priors.max_speeds[live.class_ids]),
+            & (np.abs(centers.states[:, SPEED]) <= self._priors.max_speeds[live.class_ids]),
             seen=seen,
         )
         max_coasting_s = np.where(live.hits >= MIN_HITS, MAX_COASTING_S + TIME_TOLERANCE_S, 0.0)
@@ -398,9 +394,10 @@ def _within_reach(live: _Live, sightings: Sightings, noise: F64, gate: float) ->
 
     A squared Mahalanobis distance is no less than the squared distance over the sum of the variances.
     """
-    centers, late_s = at_centers(live.motions, live.rear_m), np.abs(sightings.later_s)
-    _, _, heading, speed, turn = np.sqrt(np.diagonal(live.covariances, axis1=1, axis2=2)).T
-    fastest = np.abs(live.states[:, SPEED]) + live.rear_m * np.abs(live.states[:, TURN])
+    centers, late_s = at_centers(live.modes.moving, live.rear_m), np.abs(sightings.later_s)
+    motions = live.modes.moving
+    _, _, heading, speed, turn = np.sqrt(np.diagonal(motions.covariances, axis1=1, axis2=2)).T
+    fastest = np.abs(motions.states[:, SPEED]) + live.rear_m * np.abs(motions.states[:, TURN])
     spreads = speed + fastest * heading + (fastest + live.rear_m) * turn
     sigmas_m = [np.sqrt(np.trace(one[:, :2, :2], axis1=1, axis2=2)) for one in (centers.covariances, noise)]
     reach_m = np.sqrt(gate) * np.add.outer(*sigmas_m) + np.outer(fastest + np.sqrt(gate) * spreads, late_s)

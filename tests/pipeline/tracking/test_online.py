@@ -31,6 +31,14 @@ def test_one_car_has_one_number_and_its_speed() -> None:
     assert last.ages_s == pytest.approx([29 * PERIOD_S])
 
 
+def test_what_stands_is_not_driven_by_noise_and_starts_at_once() -> None:
+    start_s = 3.0
+    car = Mover(lambda t: (2.5 * max(t - start_s, 0.0) ** 2 / 2, 0.0, 0.0))
+    speeds = np.array([rows.states[0, SPEED] for rows in tracked(scene([car], 60, noise_m=0.1))])
+    assert np.abs(speeds[15:30]).max() < 0.1
+    assert speeds[45:] == pytest.approx(2.5 * PERIOD_S * np.arange(15, 30), abs=1.0)
+
+
 def test_boxes_that_are_turned_round_do_not_turn_the_track() -> None:
     rows = tracked(scene([Mover(straight(0, 0, 0.0, 6.0), turned=lambda k: k % 3 != 2)], 30))
     assert all(abs(row.states[0, HEADING]) < 0.2 for row in rows[10:])
