@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from helpers import ROOT
 
+from lidcam.pipeline.parallel.pool import process_pool
+
 PROGRAM = """
 import os, time
 from lidcam.pipeline.parallel.pool import process_pool
@@ -31,3 +33,10 @@ def test_they_end_with_a_parent_that_is_killed(tmp_path: Path, number: signal.Si
         parent.send_signal(number)
         assert select.select([worker], [], [], 60)[0]
         os.close(worker)
+
+
+def test_ctrl_c_is_the_business_of_their_parent() -> None:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in the background
+    with process_pool(1) as pool:
+        pool.submit(signal.raise_signal, signal.SIGINT).result()
+    signal.signal(signal.SIGINT, before)
