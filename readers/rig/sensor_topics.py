@@ -116,10 +116,11 @@ def configured_topics(
 ) -> list[str]:
     """Topics of the settings that the recording has; the others become faults."""
     there = readable_topics(recording, msgtypes)
-    names = ", ".join(sorted(there, key=natural_key)) or "none"
+    shown = {info.topic for info in recording.topics if not is_truth(info.topic, info.msgtype)} & there
+    names = ", ".join(sorted(shown, key=natural_key)) or "none"
     for topic in topics:
         if topic not in there:
-            reason = f"the settings name it, but the recording has no such topic of a {kind}; it has {names}"
+            reason = f"the settings name it, but the recording has no {kind} topic of this name; it has {names}"
             findings.leave_out(kind, topic, reason)
     return [topic for topic in dict.fromkeys(topics) if topic in there]
 
