@@ -44,7 +44,8 @@ class TransformTree:
         common = next((frame for frame in up_src if frame in up_dst), None)
         if common is None:
             known = ", ".join(sorted(self.frames)) or "none at all"
-            raise FrameError(f"no transform joins frame {src!r} with {dst!r}; frames with a fixed transform: {known}")
+            joined = f"frame {_with_root(up_src)} with {_with_root(up_dst)}"
+            raise FrameError(f"no transform joins {joined}; frames with a fixed transform: {known}")
         return self._climb(dst, common).inverse() @ self._climb(src, common)
 
     def chain(self, frame: str) -> list[str]:
@@ -69,3 +70,8 @@ class TransformTree:
         while transform.dst != ancestor:
             transform = self._edges[transform.dst] @ transform
         return transform
+
+
+def _with_root(chain: list[str]) -> str:
+    """A frame, with the tree that it is in."""
+    return f"{chain[0]!r} (below {chain[-1]!r})" if len(chain) > 1 else repr(chain[0])

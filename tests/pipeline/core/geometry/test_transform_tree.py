@@ -27,6 +27,14 @@ def test_frames_are_joined_over_their_common_ancestor(left: Transform, right: Tr
     assert tree.chain("tip") == ["tip", "right", "root"]
 
 
+def test_frames_of_two_trees_are_named_with_their_roots() -> None:
+    tree = TransformTree()
+    for transform in (shift("a", "x", 1), shift("b", "y", 1), shift("y", "z", 1)):
+        tree.add_static(transform)
+    with pytest.raises(FrameError, match=r"joins frame 'z' \(below 'b'\) with 'a'; .*: a, b, x, y, z$"):
+        tree.lookup("a", "z")
+
+
 def test_a_static_edge_can_be_hung_elsewhere() -> None:
     tree = TransformTree()
     tree.add_static(shift("a", "x", 1))
