@@ -236,7 +236,7 @@ def _hits(scene: Scene, track_of: I64) -> _Hits:
     rows = np.flatnonzero(track_of >= 0)
     rows = rows[np.argsort(track_of[rows], kind="stable")]
     tracks = track_of[rows]
-    firsts = np.flatnonzero(first_of_runs(tracks)) if len(rows) else np.zeros(0, np.intp)
+    firsts = np.flatnonzero(first_of_runs(tracks))
     lasts = np.append(firsts[1:], len(rows))[: len(firsts)] - 1
     return _Hits(tracks, rows, scene.frames[rows], firsts, lasts, scene.sightings.select(rows))
 
@@ -326,10 +326,8 @@ def _reweighted(hits: _Hits, solution: _Pass, boxes: F64, noise: F64) -> F64:
 def _travelled(scene: Scene, hits: _Hits, solution: _Pass, boxes: F64, of_class: Priors) -> Bools:
     """(T,) whether the boxes (H, 3) of each track follow a path that only a road user takes."""
     path, _ = expected(solution.motions.select(solution.cell_of_hit), hits.sightings.later_s, np.zeros(len(boxes)))
-    counts, lasts_s = (
-        hits.lasts - hits.firsts + 1,
-        np.diff(scene.stamps_s[hits.frames[[hits.firsts, hits.lasts]]], axis=0)[0],
-    )
+    counts = hits.lasts - hits.firsts + 1
+    lasts_s = scene.stamps_s[hits.frames[hits.lasts]] - scene.stamps_s[hits.frames[hits.firsts]]
     scatter_m = np.sqrt(np.bincount(hits.tracks, ((boxes - path)[:, :2] ** 2).sum(1), len(hits)) / counts)
     away_m = np.linalg.norm((path - path[hits.firsts][hits.tracks])[:, :2], axis=1)
     travels_m = np.maximum.reduceat(away_m, hits.firsts)

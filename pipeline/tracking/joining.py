@@ -102,7 +102,9 @@ def joined_in_place(estimates: Estimates) -> I64:
     """(T,) as `joined_over_gaps`, for tracks on the same ground: one object with two classes, or in two parts."""
     count, courses = len(estimates), estimates.courses
     out = np.arange(count)
-    low, high = _reach(estimates)
+    positions, starts = estimates.motions.states[:, :2], courses.starts[:-1]
+    reach = np.hypot(estimates.sizes[:, 0], estimates.sizes[:, 1])[:, None] / 2
+    low, high = np.minimum.reduceat(positions, starts) - reach, np.maximum.reduceat(positions, starts) + reach
     for one in range(count):
         overlaps = (courses.firsts <= courses.lasts[one]) & (courses.firsts[one] <= courses.lasts)
         near = overlaps & (low <= high[one]).all(1) & (low[one] <= high).all(1)
@@ -112,27 +114,15 @@ def joined_in_place(estimates: Estimates) -> I64:
     return out
 
 
-def _reach(estimates: Estimates) -> tuple[F64, F64]:
-    """(T, 2) lowest and highest x and y of each track, extended by half of its diagonal."""
-    positions, starts = estimates.motions.states[:, :2], estimates.courses.starts[:-1]
-    half = np.hypot(estimates.sizes[:, 0], estimates.sizes[:, 1])[:, None] / 2
-    return np.minimum.reduceat(positions, starts) - half, np.maximum.reduceat(positions, starts) + half
-
-
 def _shared(estimates: Estimates, one: int, other: int) -> float:
     """Mean shared ground of two tracks in their common frames, as a share of the smaller box."""
     courses = estimates.courses
     first = max(courses.firsts[one], courses.firsts[other])
     last = min(courses.lasts[one], courses.lasts[other])
-    boxes, ground_m2 = [], []
+    count, boxes = last - first + 1, []
     for track in (one, other):
         start = courses.starts[track] + first - courses.firsts[track]
-        boxes.append(_boxes(estimates, track, np.arange(start, start + last - first + 1)))
-        ground_m2.append(estimates.sizes[track, 0] * estimates.sizes[track, 1])
-    return float(np.mean(shared_ground(*boxes)) / min(ground_m2))
-
-
-def _boxes(estimates: Estimates, track: int, cells: Indices) -> BoxArrays:
-    states = estimates.motions.states[cells]
-    centers = np.column_stack([states[:, :2], np.zeros(len(cells))])
-    return BoxArrays(centers, np.tile(estimates.sizes[track], (len(cells), 1)), states[:, HEADING])
+        states = estimates.motions.states[start : start + count]
+        centers = np.column_stack([states[:, :2], np.zeros(count)])
+        boxes.append(BoxArrays(centers, np.tile(estimates.sizes[track], (count, 1)), states[:, HEADING]))
+    return float(np.mean(shared_ground(*boxes)) / estimates.sizes[[one, other], :2].prod(1).min())

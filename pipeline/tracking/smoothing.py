@@ -95,11 +95,11 @@ def smoothed(courses: Courses, cells: Cells, stamps_s: F64, sites_xy: F64) -> Mo
     count = len(cells)
     filtered, prior = (Motions(np.empty((count, STATE)), np.empty((count, STATE, STATE))) for _ in range(2))
     slopes = np.empty((count, STATE, STATE))
-    starts = courses.starts
+    offsets = courses.starts[:-1] - courses.firsts  # the cell of a track in a frame is this, plus the frame
     frames = range(int(courses.firsts.min()), int(courses.lasts.max()) + 1) if len(courses) else range(0)
     for frame in frames:
         tracks = np.flatnonzero((courses.firsts <= frame) & (frame <= courses.lasts))
-        at = starts[tracks] + frame - courses.firsts[tracks]
+        at = offsets[tracks] + frame
         begins = courses.firsts[tracks] == frame
         now = Motions(courses.states[tracks], courses.covariances[tracks])
         if not begins.all():
@@ -140,10 +140,9 @@ def _filtered(now: Motions, courses: Courses, cells: Cells, tracks: Indices, at:
 
 def _backwards(courses: Courses, filtered: Motions, prior: Motions, slopes: F64, frames: range) -> Motions:
     states, covariances = filtered.states.copy(), filtered.covariances.copy()
-    starts = courses.starts
+    offsets = courses.starts[:-1] - courses.firsts
     for frame in reversed(frames[:-1]):
-        tracks = np.flatnonzero((courses.firsts <= frame) & (frame < courses.lasts))
-        at = starts[tracks] + frame - courses.firsts[tracks]
+        at = offsets[(courses.firsts <= frame) & (frame < courses.lasts)] + frame
         # G = P F' S^-1, by the symmetric S.
         gains = np.linalg.solve(prior.covariances[at + 1], slopes[at] @ filtered.covariances[at]).swapaxes(1, 2)
         states[at] += (gains @ (states[at + 1] - prior.states[at + 1])[..., None])[..., 0]

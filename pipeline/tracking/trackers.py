@@ -66,11 +66,7 @@ class ObjectTracker:
         self._waiting: deque[tuple[Fused, FrameSightings, dict[str, I64]]] = deque()
 
     def add_frame(self, frame: FrameResult) -> list[Fused]:
-        """Add a frame; the objects of the oldest waiting frames that are settled.
-
-        Raises:
-            FrameError: the motion is that of a frame other than the site frame.
-        """
+        """Add a frame; the objects of the oldest waiting ones that are settled. Raises FrameError as `pose_of` does."""
         seen = self._sightings_of(frame)
         matched_rows = {name: frame.matches[name].pairs[:, 0] for name in frame.detections.cameras}
         self._waiting.append((frame.fused, seen, matched_rows))

@@ -6,7 +6,7 @@ no more than the error of the rig's motion.
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Indices
+from lidcam.pipeline.core.arrays import F64, I32, Bools
 from lidcam.pipeline.tracking.smoothing import FRAME_CORRELATION, Courses
 
 UNDERSIDE_SIGMA_M = 0.03
@@ -60,23 +60,17 @@ def smoothed_undersides(courses: Courses, are_seen: Bools, z_m: F64, variances: 
         variances: (N,) their variances.
         climbs: (N,) variance of the change since the frame before, as of `climb_variances`.
     """
-    starts = courses.starts
+    offsets = courses.starts[:-1] - courses.firsts  # the cell of a track in a frame is this, plus the frame
     frames = range(int(courses.firsts.min()), int(courses.lasts.max()) + 1) if len(courses) else range(0)
     gains = np.where(are_seen, 1.0, 0.0)
     filtered, spread = z_m.copy(), variances.copy()
     for frame in frames[1:]:
-        at = _cells_of(courses, starts, frame, (courses.firsts < frame) & (frame <= courses.lasts))
+        at = offsets[(courses.firsts < frame) & (frame <= courses.lasts)] + frame
         before = spread[at - 1] + climbs[at]
         gains[at] *= before / (before + variances[at])
         filtered[at] = filtered[at - 1] + gains[at] * (z_m[at] - filtered[at - 1])
         spread[at] = (1 - gains[at]) * before
     for frame in reversed(frames[:-1]):
-        at = _cells_of(courses, starts, frame, (courses.firsts <= frame) & (frame < courses.lasts))
+        at = offsets[(courses.firsts <= frame) & (frame < courses.lasts)] + frame
         filtered[at] += spread[at] / (spread[at] + climbs[at + 1]) * (filtered[at + 1] - filtered[at])
     return filtered
-
-
-def _cells_of(courses: Courses, starts: I64, frame: int, are_asked: Bools) -> Indices:
-    """The cells of a frame, of those tracks (T,) that are asked for."""
-    tracks = np.flatnonzero(are_asked)
-    return np.asarray(starts[tracks] + frame - courses.firsts[tracks])
