@@ -67,11 +67,7 @@ class CombinedDetector:
     """Proposes the boxes of both, with the probability of each by both."""
 
     def __init__(self, rig: Rig, config: Config) -> None:
-        """Load the networks.
-
-        Raises:
-            ModelError: a network is not there or cannot be loaded, or none of its classes is configured.
-        """
+        """Load the networks; raises ModelError if one is missing, cannot be loaded, or has none of the classes."""
         is_known = knows(config.classes)
         self._learned = LearnedScores(rig, config) if is_known else None
         self._kinds = kinds_of(config.classes).argmax(1) if is_known else np.zeros(len(config.classes), np.int64)

@@ -147,11 +147,7 @@ class GivenDetector3D:
         self.unused: Counter[str] = Counter()
 
     def __call__(self, combined: CombinedCloud, /) -> Candidates3D:
-        """Proposals for one frame.
-
-        Raises:
-            ModelError: the function gives something else.
-        """
+        """Proposals for one frame; raises ModelError if the function gives something else."""
         clouds = combined.detection_cloud, combined.ground_cloud
         points = np.concatenate([np.column_stack([cloud.xyz, cloud.intensity]) for cloud in clouds])
         found = _checked(self._find(points), Found3D, "detector", self._find)
@@ -180,11 +176,7 @@ class GivenDetector2D:
         self.unused: Counter[str] = Counter()
 
     def __call__(self, images: Sequence[U8]) -> list[Candidates2D]:
-        """Proposals for each image.
-
-        Raises:
-            ModelError: the function gives something else.
-        """
+        """Proposals for each image; raises ModelError if the function gives something else."""
         self.unused, proposed = Counter(), []
         for image in images:
             found = _checked(self._find(image), Found2D, "detector_2d", self._find)

@@ -19,11 +19,7 @@ MAX_SIZE_FACTOR = 2.0
 
 
 def kinds_of(classes: Sequence[ClassPrior]) -> Bools:
-    """(C, 5) the `KINDS` of each class, by its name and labels.
-
-    Raises:
-        ConfigError: one of them is of no kind, or of another size.
-    """
+    """(C, 5) the `KINDS` of each class, by name and labels; raises ConfigError if one is of no kind or another size."""
     found = np.zeros((len(classes), len(KINDS)), np.bool_)
     roads = {prior.name: prior for prior in ROAD_CLASSES}
     for row, prior in enumerate(classes):

@@ -46,12 +46,7 @@ class LearnedScores:
     """Gives boxes that were found by clustering the class that they look like, and its probability as score."""
 
     def __init__(self, rig: Rig, config: Config) -> None:
-        """Read the weights of `detect3d.weights`.
-
-        Raises:
-            ConfigError: classes are configured that no network of `lidcam train clusters` knows.
-            ModelError: the file cannot be read.
-        """
+        """Read `detect3d.weights`; raises ModelError if it cannot be read, and ConfigError as `kinds_of`."""
         self._features = FeatureFinder(rig, config)
         self._network = ClusterNetwork.read(config.detect3d.weights or EMBEDDED)
         fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)

@@ -57,11 +57,7 @@ class ClusterNetwork:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """The network of a file.
-
-        Raises:
-            ModelError: it cannot be read, or is no such file, of other features, or not finite.
-        """
+        """The network of a file; raises ModelError if that cannot be read, has other features, or is not finite."""
         expected = f"{path}: expected weights that `lidcam train clusters` wrote"
         try:
             with np.load(BytesIO(read_small_file(path, MAX_BYTES)), allow_pickle=False) as file:

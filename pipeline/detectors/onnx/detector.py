@@ -56,10 +56,9 @@ class OnnxDetector2D:
     def __init__(self, path: Path, settings: Detect2DConfig) -> None:
         """Load a network and try it.
 
-        Raises:
-            ConfigError: the file with the names of classes cannot be read.
-            ModelError: the file does not exist, is not an ONNX file, has no known layout or no names for its classes,
-                a trial fails, or it does not take the size that is set.
+        Raises ConfigError if the file with the names of classes cannot be read, and ModelError if the network's does
+        not exist or is no ONNX file, its layout or the names of its classes are not known, a trial fails, or it does
+        not take the size that is set.
         """
         self._path, self._settings = path, settings
         remedy = "lidcam fetch yolox-nano downloads one"
@@ -97,10 +96,7 @@ class OnnxDetector2D:
         Images (H, W, 3) of one input size run in one batch if the batch dimension is free; on the processor only as
         many as its caches hold, so that large ones run one by one. A network with a fixed batch size B runs once per B
         images, with the last batch filled up with blank ones. For a network with a fixed size, images of another shape
-        become tiles (`tiles_of`).
-
-        Raises:
-            ModelError: the network fails, or finds a class that has no name.
+        become tiles (`tiles_of`). Raises ModelError if the network fails, or finds a class that has no name.
         """
         tiles = [self._tiles(image) for image in images]
         found = iter(self._detect_all([t.cut(image) for image, its in zip(images, tiles, strict=True) for t in its]))
@@ -156,11 +152,7 @@ class OnnxDetector2D:
         return found
 
     def _run(self, session: OnnxSession, batch: F32) -> list[Array]:
-        """The outputs, floating-point numbers in single precision.
-
-        Raises:
-            ModelError: the network fails, or gives something else than numbers, or too many.
-        """
+        """The outputs, real ones as float32; raises ModelError if the network fails, or gives others, or too many."""
         outputs = session.run(self._inputs.feed(batch), len(batch))
         for (name, _, kind), output in zip(session.outputs, outputs, strict=True):
             if output.dtype.kind not in "fiu" or output.nbytes > MAX_OUTPUT_BYTES:
@@ -192,8 +184,7 @@ class OnnxDetector2D:
     def _free_size(self, own_px: Size, wanted_px: Size | None) -> None:
         """Let the network take images of another size than its own, or of any (None), if it can and is made to.
 
-        Raises:
-            ModelError: it does not take the size that is wanted.
+        Raises ModelError if it does not take the size that is wanted.
         """
         is_free = self._inputs.height_px is None and self._inputs.width_px is None
         made_for_one_size = self._layout.placement == "stretched" and not is_free

@@ -37,11 +37,7 @@ class NetworkInputs:
 
 
 def read_inputs(inputs: Sequence[Value]) -> NetworkInputs:
-    """The inputs of a network, recognised.
-
-    Raises:
-        ModelError: it takes no images, or something else with them.
-    """
+    """The inputs of a network, recognised; raises ModelError if it takes no images, or something else with them."""
     images = [(name, shape, kind) for name, shape, kind in inputs if len(shape) == 4]
     others = [(name, shape, kind) for name, shape, kind in inputs if len(shape) != 4]
     match images, others:

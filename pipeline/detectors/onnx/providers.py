@@ -63,8 +63,7 @@ def onnxruntime() -> Any:
 def cuda_plugin() -> str:
     """The name of the provider of the plug-in for CUDA, registered with onnxruntime; empty where it is not installed.
 
-    Raises:
-        ModelError: it does not fit onnxruntime, or its libraries are missing.
+    Raises ModelError if it does not fit onnxruntime, or its libraries are missing.
     """
     try:
         plugin = import_module(PLUGIN)
@@ -119,10 +118,9 @@ def set_up(provider: Provider, options: Any) -> list[str] | None:
 
 
 def providers_for(provider: Provider, available: Sequence[str]) -> list[str]:
-    """The providers for onnxruntime, the preferred one first; the processor runs what an accelerator has no kernel for.
+    """The providers for onnxruntime, the preferred one first, or a ModelError if that is not available.
 
-    Raises:
-        ModelError: the preferred one is not among those available.
+    The processor runs what an accelerator has no kernel for.
     """
     if PROVIDERS[provider] not in available:
         has = ", ".join(name for name, known in PROVIDERS.items() if known in available)
@@ -132,11 +130,7 @@ def providers_for(provider: Provider, available: Sequence[str]) -> list[str]:
 
 
 def check_runs_on(provider: Provider, used: Sequence[str]) -> None:
-    """Check that a loaded network runs on the wanted provider: onnxruntime itself falls back to the processor.
-
-    Raises:
-        ModelError: it does not.
-    """
+    """Raise ModelError unless a network runs on the wanted provider: onnxruntime falls back to the processor."""
     names = {PROVIDERS[provider], *([cuda_plugin()] if provider == "cuda" else [])}
     if names.isdisjoint(used):
         raise ModelError(

@@ -71,9 +71,7 @@ class OnnxSession:
     def with_free_size(self, image_input: str) -> Self:
         """The same network, loaded so that the images of an input may have any size; whether they can, a run shows.
 
-        Raises:
-            ModelError: its input cannot be made free, as the file is too large or has no such input, or the network
-                cannot be loaded.
+        Raises ModelError if the file is too large or has no such input, or the network cannot be loaded.
         """
         try:
             if self._path.stat().st_size > MAX_CHANGED_BYTES:
@@ -117,8 +115,7 @@ class OnnxSession:
     def run(self, fed: Mapping[str, Array], images: int) -> list[Array]:
         """The outputs for a batch of some images, from the array of each input by name.
 
-        Raises:
-            ModelError: the network fails, takes too much memory, or gives no arrays.
+        Raises ModelError if the network fails, takes too much memory, or gives no arrays.
         """
         try:
             return [np.asarray(output) for output in self._session.run(None, dict(fed))]

@@ -153,9 +153,8 @@ class PillarDetector:
     def __init__(self, rig: Rig, config: Config) -> None:
         """Load the network.
 
-        Raises:
-            ModelError: there is none, it cannot be loaded, none of its classes is configured, or its pillars are
-                wider than all those that are.
+        Raises ModelError if there is none, it cannot be loaded, none of its classes is configured, or its pillars are
+        wider than all those that are.
         """
         path = config.detect3d.model
         if path is None:
@@ -237,11 +236,7 @@ class FittedPillarDetector:
     """
 
     def __init__(self, rig: Rig, config: Config) -> None:
-        """Load the network.
-
-        Raises:
-            ModelError: there is none, it cannot be loaded, or none of its classes is configured.
-        """
+        """Load the network; raises ModelError as `PillarDetector`."""
         self.network, self._site_frame = PillarDetector(rig, config), rig.site_frame
         fitter = BoxFitter(rig, config.classes, config.detect3d.cluster)
         self._refit = Refitter(fitter, config.detect3d.cluster, config.classes)

@@ -15,11 +15,7 @@ def network_file(model: Path) -> Path:
 
 
 def existing_network_file(model: Path) -> Path:
-    """The file of a network, as `network_file`, which must exist.
-
-    Raises:
-        ModelError: it is missing.
-    """
+    """The file of a network, as `network_file`; raises ModelError if it is missing."""
     path = network_file(model)
     if not isfile(path):  # noqa: PTH113  # Path.is_file may raise
         names = ", ".join(EMBEDDED)

@@ -114,11 +114,7 @@ class KitNetwork:
     """A loaded network."""
 
     def __init__(self, path: Path, session: OnnxSession) -> None:
-        """Take a file.
-
-        Raises:
-            ModelError: what the file says about itself is wrong.
-        """
+        """Take a file; raises ModelError if what it says about itself is wrong."""
         self._path, self._session = path, session
         self.specs = specs_in(session, path, KEY, KitSpecs, "a 3D network that `lidcam train convert` wrote")
         self.classes, self.cell_m = self.specs.classes, max(self.specs.grid.cell_m)
@@ -132,11 +128,7 @@ class KitNetwork:
         return np.asarray(((column_row >= 0) & (column_row < self.specs.grid.cells)).all(1))
 
     def __call__(self, position: F64, intensity: F32, least_log_odds: float) -> Found:
-        """The boxes around points, as for `PillarNetwork`, with intensities (N,) from 0 to 1.
-
-        Raises:
-            ModelError: the network fails.
-        """
+        """The boxes around points and ModelErrors, as of `PillarNetwork`, with intensities (N,) from 0 to 1."""
         inputs, kinds = kit_pillars(position, intensity, self.specs), len(self.classes)
         boxes, log_odds = np.zeros((0, 8), np.float32), np.zeros((0, kinds), np.float32)
         if len(inputs[1]):

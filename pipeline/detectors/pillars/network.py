@@ -43,11 +43,7 @@ class PillarSpecs(SettingsModel):
 
 
 def specs_in(session: OnnxSession, path: Path, key: str, model: type[Specs], what: str) -> Specs:
-    """The metadata of a loaded file under a key; `what` names the expected file in errors.
-
-    Raises:
-        ModelError: the metadata are missing or not as expected.
-    """
+    """The metadata of a loaded file under a key, or a ModelError, in which `what` names the expected file."""
     expected = f"{path}: expected {what}"
     if key not in session.metadata:
         raise ModelError(f"{expected}, found none of its metadata ({key}) in the file")
@@ -63,11 +59,7 @@ class PillarNetwork:
     """A loaded network. It gives the same boxes for the same points, whatever their order."""
 
     def __init__(self, path: Path, session: OnnxSession | None = None) -> None:
-        """Load a file, or take it as loaded.
-
-        Raises:
-            ModelError: it cannot be loaded, or says nothing about its pillars.
-        """
+        """Load a file, or take it as loaded; raises ModelError if that fails, or it says nothing about its pillars."""
         self._path = path
         self._session = session or OnnxSession(path)
         what = "a 3D network that `lidcam train pillars` wrote"
