@@ -184,10 +184,7 @@ def process_batch(
     """Process many recordings, as `lidcam.batch` says.
 
     `outputs` says of options of `lidcam process` (`--rerun`) whether these outputs are wanted, too; `watch` shows the
-    progress.
-
-    Raises:
-        LidcamError: the settings, the rig or an output is at fault, or there are no recordings.
+    progress. Raises LidcamError if the settings, the rig or an output is at fault, or there are no recordings.
     """
     check_options(options, SharedOptions, "lidcam.batch")
     if engine not in {"local", "ray"}:

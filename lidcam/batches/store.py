@@ -117,10 +117,7 @@ class LocalFiles:
 class Store:
     """The folder of a batch, with its `files`. Methods raise OSError or OutputError where it cannot be used.
 
-    A local one is made if it is missing.
-
-    Raises:
-        LidcamError: it cannot be used, or a library for it is not installed.
+    A local one is made if it is missing. Raises LidcamError if it cannot be used, or a library is not installed.
     """
 
     def __init__(self, out: Location) -> None:

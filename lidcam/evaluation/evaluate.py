@@ -138,9 +138,8 @@ def not_shown(_: float) -> AbstractContextManager[Advance]:
 def evaluate_result(job: EvaluationJob, show: Progress = not_shown, others: Sequence[Evaluator] = ()) -> Evaluation:
     """Evaluate a result of lidcam; `others` are further evaluators that see the frames.
 
-    Raises:
-        RequirementError: a requirement names a figure that there cannot be; nothing is measured.
-        LidcamError: the result, the truth or the settings are at fault.
+    Raises RequirementError, before anything is measured, if a requirement names a figure that there cannot be, and
+    LidcamError if the result, the truth or the settings are at fault.
     """
     started = time.perf_counter()
     job = within_labels(job)

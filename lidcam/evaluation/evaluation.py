@@ -41,9 +41,7 @@ def make_evaluation_job(
 ) -> EvaluationJob:
     """An evaluation, with its rig file, its settings and its requirements read; arguments as of `lidcam.evaluate`.
 
-    Raises:
-        RequirementError: a requirement is malformed.
-        LidcamError: a file cannot be read or does not fit.
+    Raises RequirementError if a requirement is malformed, and LidcamError if a file cannot be read or does not fit.
     """
     required = [requirements] if isinstance(requirements, str | Requirement) else [*requirements]
     texts = [one for one in required if isinstance(one, str)]

@@ -46,9 +46,8 @@ class EvaluationFrames:
     def __iter__(self) -> Iterator[EvaluationFrame]:
         """The frames in order; to be read once.
 
-        Raises:
-            FrameError: nothing recorded joins the truth's frame with the site frame.
-            RecordingError: a file cannot be read.
+        Raises FrameError if nothing recorded joins the truth's frame with the site frame, and RecordingError if a file
+        cannot be read.
         """
         for frame in self._result.frames():
             # Without recorded motion the site frame would stand still; where it does not, its place is not known.

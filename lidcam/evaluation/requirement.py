@@ -47,11 +47,7 @@ class Requirement:
 
     @classmethod
     def parse(cls, text: str) -> "Requirement":
-        """The requirement that a text states.
-
-        Raises:
-            RequirementError: the text is malformed.
-        """
+        """The requirement that a text states; raises RequirementError if that is malformed."""
         parts = _FORM.fullmatch(text.strip())
         if parts is None:
             raise RequirementError(f"expected a figure, a comparison and a number, as in {EXAMPLE!r}, found {text!r}")
@@ -101,10 +97,8 @@ class Outcome:
 def read_requirements(texts: Iterable[str]) -> tuple[Requirement, ...]:
     """Requirements as given on the command line; `@FILE` stands for those of a file.
 
-    A file has one in a line; empty lines count for nothing, and neither does what follows a `#`.
-
-    Raises:
-        RequirementError: a requirement is malformed, or a file cannot be read or holds no requirement.
+    A file has one in a line; empty lines count for nothing, and neither does what follows a `#`. Raises
+    RequirementError if a requirement is malformed, or a file cannot be read or holds none.
     """
     found: list[Requirement] = []
     for text in texts:
@@ -113,13 +107,10 @@ def read_requirements(texts: Iterable[str]) -> tuple[Requirement, ...]:
 
 
 def check_names(requirements: Sequence[Requirement], known: NamedFigures) -> None:
-    """Check that there can be figures of these names.
+    """Raise RequirementError if there can be no figures of these names.
 
     `known` are those of a result without objects. It lacks figures named by the words of the truth, figures of tracks,
     which a result may not have, and some elements of lists.
-
-    Raises:
-        RequirementError: there is no such figure.
     """
     for name in dict.fromkeys(one.name for one in requirements):
         depends = f".{LABELS}." in name or name.startswith(TRACKING) or any(map(str.isdecimal, name.split(".")))

@@ -52,8 +52,7 @@ class _StandIn:
 def read_checkpoint(path: Path) -> Checkpoint:
     """Read a checkpoint of either kit as tensors and plain values: objects of other classes are left out.
 
-    Raises:
-        ModelError: it cannot be read this way, or was trained by a version whose boxes mean something else.
+    Raises ModelError if it cannot be read this way, or the boxes of the version that trained it mean something else.
     """
     expected = f"{path}: expected a checkpoint of OpenPCDet or mmdetection3d"
     try:
@@ -185,11 +184,7 @@ def converted(network: Path, config: Path | None, given: Data) -> tuple[bytes, K
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Name the faulty configuration in errors.
-
-    Raises:
-        ModelError: one was raised without the name, or a value is missing or unexpected.
-    """
+    """Name the faulty configuration in errors, all of which become ModelErrors."""
     try:
         yield
     except ModelError as err:

@@ -115,11 +115,7 @@ class KitModel(NamedTuple):
 
 
 def check(found: object, expected: object, name: str) -> None:
-    """Refuse a value that lidcam does not run.
-
-    Raises:
-        ModelError: another value was found.
-    """
+    """Refuse a value that lidcam does not run, by a ModelError."""
     if found != expected:
         raise ModelError(f"{name}: expected {expected}, which lidcam runs, found {found}")
 

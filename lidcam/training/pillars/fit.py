@@ -71,11 +71,7 @@ class Checkpoint(NamedTuple):
         loss: float,
         history: Sequence[tuple[int, str]] = (),
     ) -> None:
-        """Replace the file. The history lists steps, and the `text` of the training since each of them.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
+        """Replace the file, or raise OutputError; `history` lists steps, and the `text` of the training since each."""
         state = {"network": network.state_dict(), "optimiser": optimiser.state_dict(), "step": step, "loss": loss}
         state |= {"history": [*history], "family": self.source.worlds, "seed": self.seed, "begin": self.begin}
         with (
@@ -88,8 +84,7 @@ class Checkpoint(NamedTuple):
     def load(self, *into: PillarNetwork | torch.optim.Optimizer) -> State:
         """Read the saved state, and put it into the network and the optimiser, if these are given.
 
-        Raises:
-            LidcamError: the file cannot be read, or belongs to another training.
+        Raises LidcamError if the file cannot be read, or belongs to another training.
         """
         expected = f"{self.path}: expected the state of a training of --family {self.source.worlds} --seed {self.seed}"
         try:
