@@ -9,12 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from lidcam.pipeline.calibration.motions import motion
-from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Array
+from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Array, pairs_of_equal
 from lidcam.pipeline.core.camera import BORDER_PX, CameraModel
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.geometry.boxes import box_corners, pair_overlaps_xyxy
 from lidcam.pipeline.core.rig import CameraSensor
-from lidcam.pipeline.fusion.found import pairs_of_images
 
 MIN_FRAMES = 5
 """Minimum number of frames with 2D boxes before poses or lenses of a camera are compared."""
@@ -186,7 +185,7 @@ class BoxFit:
         )
         self._corners_site = np.concatenate([box_corners(one.centers, one.sizes, one.yaws) for one in objects])
         numbers = np.arange(len(frames))
-        self._rows2d, self._rows3d = pairs_of_images(
+        self._rows2d, self._rows3d = pairs_of_equal(
             np.repeat(numbers, [len(frame.xyxy) for frame in frames]), np.repeat(numbers, [*map(len, objects)])
         )
 

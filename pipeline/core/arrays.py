@@ -136,6 +136,14 @@ def first_of_runs(values: Array) -> Bools:
     return is_first
 
 
+def pairs_of_equal(first: I32 | I64, second: I32 | I64) -> tuple[Indices, Indices]:
+    """Rows (P,) of `first` (N,) and of `second` (M,) with equal values, all pairs in their order; both arrays rise."""
+    starts = second.searchsorted(first)
+    counts = second.searchsorted(first, side="right") - starts
+    rows = np.arange(len(first)).repeat(counts)
+    return rows, np.arange(len(rows)) + (starts - np.cumsum(counts) + counts).repeat(counts)
+
+
 class Column(NamedTuple):
     """An array of a table."""
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Indices
+from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices
 
 
 def is_alone(first: I64, second: I64) -> Bools:
@@ -74,12 +74,3 @@ def _assign(first: I64, second: I64, costs: F64, missing: float) -> Bools:
         pairs = open_pairs[component]
         chosen[pairs] = dense_assignment(first[pairs], second[pairs], costs[pairs], missing)
     return chosen
-
-
-def pairs_of_equal(first: I32 | I64, second: I32 | I64) -> tuple[Indices, Indices]:
-    """Rows (P,) of `first` (N,) and of `second` (M,) with equal values, all pairs in their order; both arrays rise."""
-    start, end = np.searchsorted(second, first, "left"), np.searchsorted(second, first, "right")
-    counts = end - start
-    rows = np.repeat(np.arange(len(first)), counts)
-    within = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
-    return rows, np.repeat(start, counts) + within

@@ -6,10 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Indices, Table, join_rows
+from lidcam.pipeline.core.arrays import F64, I32, I64, Bools, Indices, Table, join_rows, pairs_of_equal
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.geometry.rotated_iou import BoxArrays, OrientedBoxes, pair_ious
-from lidcam.pipeline.evaluation.assignment import pairs_of_equal
 from lidcam.pipeline.evaluation.evaluation_frame import Motion, SourceBoxes, TruthBoxes3D
 
 NEAR_M = 4.0

@@ -1,4 +1,4 @@
-"""The 2D boxes of all cameras of a frame as one table, and pairs within an image."""
+"""The 2D boxes of all cameras of a frame as one table."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, I32, I64, Indices, Table, select_rows
+from lidcam.pipeline.core.arrays import F32, I32, I64, Table, select_rows
 from lidcam.pipeline.core.detections import Boxes2D
 
 
@@ -41,19 +41,3 @@ def _table(boxes: tuple[Boxes2D | None, ...]) -> FoundBoxes:
         np.repeat(np.array([part.stamp_ns for part in parts], np.int64), counts),
     )
     return select_rows(table, np.lexsort([*table.xyxy.T, table.class_ids, -table.scores, table.cameras]))
-
-
-def pairs_of_images(first: I64, second: I64) -> tuple[Indices, Indices]:
-    """All pairs of rectangles of the same image.
-
-    Args:
-        first: (A,) image of each rectangle, rising.
-        second: (B,) the same of others.
-
-    Returns:
-        (Q,) rows of the first, (Q,) rows of the second, ordered by both.
-    """
-    starts = second.searchsorted(first)
-    counts = second.searchsorted(first, side="right") - starts
-    rows = np.arange(len(first)).repeat(counts)
-    return rows, np.arange(len(rows)) + (starts - np.cumsum(counts) + counts).repeat(counts)

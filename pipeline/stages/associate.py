@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Indices, Table, first_of_runs
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Indices, Table, first_of_runs, pairs_of_equal
 from lidcam.pipeline.core.association import (
     CALIBRATION_SIGMA_RAD,
     MAX_SIGMAS,
@@ -31,7 +31,7 @@ from lidcam.pipeline.core.geometry.boxes import pair_overlaps_xyxy
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.fusion.assignment import assign
-from lidcam.pipeline.fusion.found import FoundBoxes, pairs_of_images
+from lidcam.pipeline.fusion.found import FoundBoxes
 from lidcam.pipeline.fusion.matching.agreement import (
     BoxBelief,
     MatchedPairs,
@@ -197,7 +197,7 @@ def near_pairs(seen_xyxy: F32, seen_cameras: I64, found_xyxy: F32, found_cameras
         found_cameras: (M,) their cameras, rising.
         min_giou: Minimum generalised IoU.
     """
-    seen, found = pairs_of_images(seen_cameras, found_cameras)
+    seen, found = pairs_of_equal(seen_cameras, found_cameras)
     iou, giou = pair_overlaps_xyxy(seen_xyxy[seen], found_xyxy[found])
     return Pairs(seen, found, iou).select(giou >= min_giou)
 

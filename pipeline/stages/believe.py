@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, Bools
+from lidcam.pipeline.core.arrays import F64
 from lidcam.pipeline.core.detections import Boxes3D, Hypotheses
 from lidcam.pipeline.core.frame import SensorBundle, own_motion
 from lidcam.pipeline.core.geometry.overlaps import overlap_shares
@@ -85,7 +85,8 @@ class Believe:
             (bundle.stamp_ns - self._last_ns) / 1e9, own_motion(bundle, self._last_ns, self._site_frame, self._motion)
         )
         self._last_ns = bundle.stamp_ns
-        is_asked = ~look[:, None] & self._could_see(hypotheses)
+        in_image = [np.isfinite(hypotheses.matches[name].projected_xyxy[:, 0]) for name in self._cameras]
+        is_asked = ~look[:, None] & np.array(in_image, np.bool_).reshape(shape)
         recalled = self._memory.recalled(boxes, np.tile(is_asked, (3, 1))).reshape(found.shape)
         by_camera = camera_evidence(visibility, recall, FITTED)
         before = self._before_cameras(hypotheses, np.concatenate([shares, recalled[1:]], 1))
@@ -120,8 +121,3 @@ class Believe:
             in_view=in_view if self._is_calibrated else None,
             are_upright=self._are_upright[boxes.class_ids],
         )
-
-    def _could_see(self, hypotheses: Hypotheses) -> Bools:
-        """(C, N) whether each box is in the image of each camera, where it stands in this frame."""
-        views = [np.isfinite(hypotheses.matches[name].projected_xyxy[:, 0]) for name in self._cameras]
-        return np.array(views, np.bool_).reshape(len(self._cameras), len(hypotheses.boxes))

@@ -39,10 +39,7 @@ class Detect2D:
         """Map the detector's labels to the configured classes, ignoring case; labels of no class are ignored.
 
         Where the detector finds a rider as a person on a bicycle, as networks trained on COCO do, each such pair
-        becomes one box of the class of the latter.
-
-        Raises:
-            ConfigError: none of the detector's labels belongs to a class.
+        becomes one box of the class of the latter. Raises ConfigError if none of its labels belongs to a class.
         """
         class_id_of_label = config.class_id_of_label
         labels = [label.strip().lower() for label in detector.labels]

@@ -33,11 +33,8 @@ class Detect3D:
     ) -> None:
         """Load the engine named by `detect3d.method`, unless one is given, and the network that scores its boxes.
 
-        With 2D boxes, improbable people of a network are kept: the cameras tell which are right.
-
-        Raises:
-            ConfigError: the classes are not those that a learned score knows.
-            ModelError: a network or weights cannot be read.
+        With 2D boxes, improbable people of a network are kept: the cameras tell which are right. Raises ConfigError if
+        the classes are not those that a learned score knows, and ModelError if a network or weights cannot be read.
         """
         self._site_frame = rig.site_frame
         self._lidar_origins_site = rig.lidar_xyz.astype(np.float32)

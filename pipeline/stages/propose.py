@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -48,7 +48,7 @@ class Proposed:
 
     boxes: Boxes3D  # The boxes of the lidars, then those that 2D boxes propose
     # Number of unmatched 2D boxes that propose no object, by reason
-    left_out: Mapping[str, int] = field(default_factory=dict)
+    left_out: Mapping[str, int]
 
 
 class Propose:
@@ -80,7 +80,10 @@ class Propose:
         """
         sightings = placed.sightings
         partner = find_partners(sightings, matches, self._names)
-        partner[self._is_too_large(lidar, sightings, partner)] = -1
+        paired = np.flatnonzero(partner >= 0)
+        ground_m2 = lidar.sizes[partner[paired], :2].prod(1)
+        is_too_large = ground_m2 > self._max_ground_m2[sightings.class_ids[paired]]  # for the class of the 2D box
+        partner[paired[is_too_large]] = -1
         is_served = partner >= 0
         alone = np.flatnonzero(~is_served)
         left_out = Counter({OUT_OF_VIEW: placed.out_of_view, TOO_MANY: max(len(alone) - MAX_UNMATCHED, 0)})
@@ -109,13 +112,6 @@ class Propose:
         more = new.joined(placed.boxes.select(left[~is_bare]))
         return Proposed(lidar.joined(more) if len(more) else lidar, +left_out)
 
-    def _is_too_large(self, lidar: Boxes3D, sightings: Sightings, partner: I64) -> Bools:
-        """(P,) whether the partner of each 2D box covers more ground than any object of the class of the 2D box."""
-        too_large = np.zeros(len(partner), np.bool_)
-        rows = np.flatnonzero(partner >= 0)
-        too_large[rows] = lidar.sizes[partner[rows], :2].prod(1) > self._max_ground_m2[sightings.class_ids[rows]]
-        return too_large
-
 
 def find_partners(sightings: Sightings, matches: Mapping[str, Matches], names: tuple[str, ...]) -> I64:
     """(P,) row of the 3D box matched with each 2D box, -1 for none.
@@ -133,10 +129,9 @@ def find_partners(sightings: Sightings, matches: Mapping[str, Matches], names: t
 
 def _are_lidar_boxes(boxes: Boxes3D, lidar: Boxes3D, is_matched: Bools) -> Bools:
     """(N,) whether each box is one of the lidars that a camera confirms, or that has about the same box."""
-    same_class = boxes.class_ids[:, None] == lidar.class_ids
     bev = ious(boxes, lidar).bev
     rival = is_matched & (overlap_shares(boxes, lidar, bev) > OVERLAP_SHARE)
-    same = same_class & (bev > MIN_SAME_IOU)
+    same = (boxes.class_ids[:, None] == lidar.class_ids) & (bev > MIN_SAME_IOU)
     return np.asarray((rival | same).any(1))
 
 

@@ -16,10 +16,10 @@ from lidcam.pipeline.core.detections import Boxes2D, Hypotheses, Source
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.core.rig import CameraSensor, Rig
 from lidcam.pipeline.core.settings.fuse import FuseConfig
-from lidcam.pipeline.fusion.projection import rounded_outline
+from lidcam.pipeline.fusion.projection import project_edges, rounded_outline
 from lidcam.pipeline.fusion.refining.box_prior import box_prior
 from lidcam.pipeline.fusion.refining.edges import measured_edges
-from lidcam.pipeline.fusion.refining.refinement import are_in_view, better_turned, refine_boxes, with_turned
+from lidcam.pipeline.fusion.refining.refinement import better_turned, refine_boxes, with_turned
 
 
 class Refine:
@@ -43,8 +43,9 @@ class Refine:
             return hypotheses
         edges = measured_edges(hypotheses, boxes2d, views, self._config)
         boxes, edges, turned_of = with_turned(hypotheses.boxes, edges)
-        outline = rounded_outline(boxes.sizes[edges.rows], bent=edges.cameras.lenses.bends)
-        in_view = are_in_view(boxes, edges, outline)
+        placed = boxes.centers[edges.rows], boxes.sizes[edges.rows], boxes.yaws[edges.rows]
+        outline = rounded_outline(placed[1], bent=edges.cameras.lenses.bends)
+        in_view = project_edges(*placed, edges.cameras, outline).valid
         if not in_view.any():
             return hypotheses
         edges, outline = edges.select(in_view), outline.select(in_view)

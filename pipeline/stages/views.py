@@ -37,11 +37,7 @@ class Views:
         self._config = config
 
     def __call__(self, bundle: SensorBundle) -> Mapping[str, CameraSensor]:
-        """By camera name, for every camera of the rig, in its order.
-
-        Raises:
-            FrameError: the motion is that of a frame other than the site frame.
-        """
+        """By name, for all cameras of the rig in order; raises FrameError if the motion is another frame's."""
         motion = bundle.motion_of(self._site_frame) if self._config.enabled else None
         if motion is None:
             return self._standing

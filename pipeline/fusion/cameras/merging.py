@@ -88,7 +88,9 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
     _, *starts = *first_of_runs(cameras).nonzero()[0].tolist(), count
     for start, end in itertools.pairwise(starts):  # all of the first camera are new
         objects, new = is_first[:start].nonzero()[0], np.arange(start, end)
-        worth = _worth(mean_xy[objects], spread[objects], mean_xy[new], spread[new])
+        gap = mean_xy[new] - mean_xy[objects, None]
+        inverse, _ = _inverse(spread[objects, None] + spread[new])
+        worth = np.maximum(MAX_DISTANCE - _squared(gap, inverse), 0.0)  # margin to the gate
         worth[class_ids[objects][:, None] != class_ids[new]] = 0.0
         row, column = assign(-worth)
         is_one = worth[row, column] > 0
@@ -98,13 +100,6 @@ def merge_sightings(placements: Placements, cameras: I64, class_ids: I64) -> tup
             _combine(known, rows, new_rows)
             mean_xy[rows], spread[rows] = mean_places(known.select(rows))
     return (np.cumsum(is_first) - 1)[first], known.select(is_first)
-
-
-def _worth(first_xy: F64, first: F64, second_xy: F64, second: F64) -> F64:
-    """(R, C) margin of the squared distances between positions (R, 2) and (C, 2) to the gate; 0 beyond it."""
-    gap = second_xy - first_xy[:, None]
-    inverse, _ = _inverse(first[:, None] + second)
-    return np.maximum(MAX_DISTANCE - _squared(gap, inverse), 0.0)
 
 
 def _combine(known: Placements, rows: Indices, new_rows: Indices) -> None:

@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F64, I64, Bools, Table
+from lidcam.pipeline.core.arrays import F64, I64, Bools, Table, pairs_of_equal
 from lidcam.pipeline.core.camera import BORDER_PX
 from lidcam.pipeline.core.detections import Boxes2D
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.core.optics.upright import TURNS, quarter_turns, turned
 from lidcam.pipeline.core.rig import CameraSensor
-from lidcam.pipeline.fusion.found import FoundBoxes, pairs_of_images
+from lidcam.pipeline.fusion.found import FoundBoxes
 from lidcam.pipeline.fusion.projection import CameraArrays, camera_arrays
 
 MIN_PX = 0.5
@@ -142,7 +142,7 @@ def observe(sightings: Sightings, noise: Noise) -> Observed:
 
 def _hidden_edges(cameras: I64, xyxy: F64) -> Bools:
     """(P, 4) whether a nearer object, whose box reaches further down, may hide each edge of each box."""
-    rows, others = pairs_of_images(cameras, cameras)
+    rows, others = pairs_of_equal(cameras, cameras)
     is_nearer = xyxy[others, 3] > xyxy[rows, 3] + MIN_LOWER_SHARE * (xyxy[rows, 3] - xyxy[rows, 1])
     hidden = np.zeros(xyxy.shape, np.bool_)
     rows, others = rows[is_nearer], others[is_nearer]

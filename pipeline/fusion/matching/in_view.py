@@ -11,14 +11,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Indices, Table, first_of_runs
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools, Indices, Table, first_of_runs, pairs_of_equal
 from lidcam.pipeline.core.camera import NEAR_M
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.errors import FrameError
 from lidcam.pipeline.core.geometry.boxes import box_corners
 from lidcam.pipeline.core.optics.lenses import may_show
 from lidcam.pipeline.core.rig import CameraSensor
-from lidcam.pipeline.fusion.found import pairs_of_images
 from lidcam.pipeline.fusion.projection import CameraArrays, cuboid_outline, project_edges
 
 MAX_COVERS = 8
@@ -95,7 +94,7 @@ def hidden_parts(boxes: Boxes3D, seen: InView, positions_site: F64) -> tuple[F32
         itself if nothing is left; (P, 4) how deep a nearer box covers each edge, pixels inward, 0 for free edges.
     """
     share, rest, depths = np.zeros(len(seen), np.float32), seen.xyxy.copy(), np.zeros((len(seen), 4), np.float32)
-    back, front = pairs_of_images(seen.cameras, seen.cameras)
+    back, front = pairs_of_equal(seen.cameras, seen.cameras)
     shared = _intersections(seen.xyxy[back], seen.xyxy[front])
     overlap = np.flatnonzero((back != front) & (shared[:, 2] > shared[:, 0]) & (shared[:, 3] > shared[:, 1]))
     back, front, shared = back[overlap], front[overlap], shared[overlap]

@@ -236,12 +236,6 @@ def _resized(sizes: F64, more: F64) -> F64:
     return np.minimum(np.maximum(sizes + more, MIN_SIZE * sizes), MAX_SIZE * sizes)
 
 
-def are_in_view(boxes: Boxes3D, edges: MeasuredEdges, outline: Outline) -> Bools:
-    """(P,) whether the box of each pair is wholly in front of its camera."""
-    rows = edges.rows
-    return project_edges(boxes.centers[rows], boxes.sizes[rows], boxes.yaws[rows], edges.cameras, outline).valid
-
-
 def refine_boxes(boxes: Boxes3D, prior: BoxPrior, edges: MeasuredEdges, outline: Outline) -> RefinedBoxes:
     """Boxes fitted to their matched 2D boxes.
 

@@ -116,19 +116,6 @@ class _Waiting:
     max_bytes: int | None
     bytes: int = 0
 
-    def add_message(self, message: RawMessage) -> None:
-        """Add a message.
-
-        Raises:
-            RecordingError: there is no room for it.
-        """
-        self.bytes += len(message.data)
-        if self.max_bytes is not None and self.bytes > self.max_bytes:
-            raise RecordingError(
-                f"{message.topic}: messages of more than {self.max_bytes >> 20} MiB wait for those of other topics: "
-                "lower sync.queue_size, exclude a topic, or raise limit_scale"
-            )
-
 
 def _counted(messages: Iterable[RawMessage], received: dict[str, int], waiting: _Waiting) -> Iterator[RawMessage]:
     """The messages of the topics in `received`, counted there and among those that wait."""
@@ -136,7 +123,12 @@ def _counted(messages: Iterable[RawMessage], received: dict[str, int], waiting: 
         topic = message.channel.topic
         if topic in received:
             received[topic] += 1
-            waiting.add_message(message)
+            waiting.bytes += len(message.data)
+            if waiting.max_bytes is not None and waiting.bytes > waiting.max_bytes:
+                raise RecordingError(
+                    f"{topic}: messages of more than {waiting.max_bytes >> 20} MiB wait for those of other topics: "
+                    "lower sync.queue_size, exclude a topic, or raise limit_scale"
+                )
             yield message
 
 
