@@ -158,7 +158,7 @@ def camera_error(
     fit = _Fit(pairs, camera, lidar_xyz, config)
     is_free = np.ones(7, np.bool_) if free is None else free
     fit.prior[:7][~is_free] = FIXED_INFORMATION
-    values = np.zeros(fit.count)
+    values = np.zeros(len(fit.prior))
     for step in range(STEPS):
         if step == STEPS // 2:
             fit.learn_noise(values)
@@ -215,13 +215,12 @@ class _Fit:
         self._config = config
         self.noise = [(config.pixel_sigma_px, config.outline_sigma)] * 2
         self._habits = excess_slopes(extent)
-        self._box_covariances = self._covariances_of_boxes(lidar_xyz, config)
+        self._box_covariances = self._covariances_of_boxes(lidar_xyz)
         self.size_m = float(np.median(np.sqrt(pairs.sizes[:, :2].prod(1))))
         of_pose = [ROTATION_SIGMA_RAD] * 3 + [TRANSLATION_SIGMA * self.size_m] * 3 + [TIME_SIGMA_S]
         self.prior = 1 / np.array([*of_pose, *[HABIT_SIGMA] * 3, HABIT_SIGMA_PX]) ** 2
-        self.count = len(self.prior)
 
-    def _covariances_of_boxes(self, lidar_xyz: F64, config: FuseConfig) -> F64:
+    def _covariances_of_boxes(self, lidar_xyz: F64) -> F64:
         """(P, 7, 7) covariances of the boxes over `projection.PARAMETERS`."""
         pairs, n = self._pairs, len(self._pairs)
         boxes = Boxes3D(
@@ -238,7 +237,7 @@ class _Fit:
             measured_ns=np.zeros(n, np.int64),
         )
         covariances = np.zeros((n, 7, 7))
-        covariances[:, :6, :6] = box_prior(boxes, lidar_xyz, config).covariances[:, :6, :6]
+        covariances[:, :6, :6] = box_prior(boxes, lidar_xyz, self._config).covariances[:, :6, :6]
         covariances[:, :2, :2] += pairs.velocity_covariances * pairs.later_s[:, None, None] ** 2
         height = covariances[:, 5, 5]
         covariances[:, 5, 6] = covariances[:, 6, 5] = height / 2

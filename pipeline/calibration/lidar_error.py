@@ -126,20 +126,14 @@ def _error(
         weights = np.minimum(1.0, HUBER / np.maximum(np.abs(residuals) / sigma, 1e-9)) / sigma**2
         normal = np.einsum("ki,k,kj->ij", slopes, weights, slopes) + np.diag(prior)
         values = values + np.linalg.solve(normal, slopes.T @ (weights * residuals) - prior * values)
-    information = _plane_information(normal - np.diag(prior), tilted, weights) + np.diag(prior)
+    # The normals of a floor tilt a little to all sides, which carries no information about translations along it.
+    of_planes = normal - np.diag(prior) - np.einsum("kti,k,ktj->ij", tilted, weights, tilted)
+    amounts, axes = np.linalg.eigh(of_planes)
+    information = (axes * np.maximum(amounts, 0.0)) @ axes.T + np.diag(prior)
     scores, own = slopes * (weights * residuals)[:, None], np.einsum("k,ki,kj->kij", weights, slopes, slopes)
     gain = np.linalg.solve(information, normal)  # a step of the fit is larger where planes tell less
     covariance = gain @ jackknife_covariance(scores, own, cells, normal, prior) @ gain.T
     return LidarError(values, covariance + np.diag(MIN_SIGMAS**2), len(residuals))
-
-
-def _plane_information(found: F64, tilted: F64, weights: F64) -> F64:
-    """(6, 6) information of the planes, less the part that comes from the noise of their normals alone.
-
-    The normals of a floor tilt a little to all sides, which carries no information about translations along it.
-    """
-    values, axes = np.linalg.eigh(found - np.einsum("kti,k,ktj->ij", tilted, weights, tilted))
-    return np.asarray((axes * np.maximum(values, 0.0)) @ axes.T)
 
 
 def _against(
