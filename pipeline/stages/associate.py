@@ -93,7 +93,9 @@ class Associate:
         found = FoundBoxes.of(boxes2d, self._names)
         limits = arrays.limits.astype(np.float32).take(found.cameras, 0)
         found = replace(found, xyxy=found.xyxy.clip(0, limits))  # as the projected ones are
-        pairs = near_pairs(seen.xyxy, seen.cameras, found.xyxy, found.cameras, min_giou=MIN_GIOU)
+        of_seen, of_found = pairs_of_equal(seen.cameras, found.cameras)
+        iou, giou = pair_overlaps_xyxy(seen.xyxy[of_seen], found.xyxy[of_found])
+        pairs = Pairs(of_seen, of_found, iou).select(giou >= MIN_GIOU)
         taken = self._taken(ranked, seen, (hidden, rest), found, pairs, arrays)
         return self._matches(rows3d, seen, (hidden, depths), found, pairs.select(taken))
 
@@ -185,21 +187,6 @@ def _differences(seen: InView, rest: F32, found: FoundBoxes, pairs: Pairs, varia
     of_pairs = variances[pairs.seen]
     is_part = squared_distances(by_part, of_pairs) < squared_distances(by_whole, of_pairs)
     return np.where(is_part[:, None], by_part, by_whole)
-
-
-def near_pairs(seen_xyxy: F32, seen_cameras: I64, found_xyxy: F32, found_cameras: I64, *, min_giou: float) -> Pairs:
-    """Pairs of rectangles in the same image with a minimum generalised IoU.
-
-    Args:
-        seen_xyxy: (P, 4) projected 3D boxes.
-        seen_cameras: (P,) their cameras, rising.
-        found_xyxy: (M, 4) 2D boxes, clipped to their images.
-        found_cameras: (M,) their cameras, rising.
-        min_giou: Minimum generalised IoU.
-    """
-    seen, found = pairs_of_equal(seen_cameras, found_cameras)
-    iou, giou = pair_overlaps_xyxy(seen_xyxy[seen], found_xyxy[found])
-    return Pairs(seen, found, iou).select(giou >= min_giou)
 
 
 def best_pairs(pairs: Pairs, worth: F64, seen_cameras: I64) -> Bools:

@@ -95,9 +95,12 @@ class Classify:
             odds[own] += by_score[:, None] * (groups == groups[boxes.class_ids[own], None])
         rows = np.concatenate([rows for (rows, _), _ in seen])
         named = np.concatenate([found.class_ids[rows2d] for (_, rows2d), found in seen])
-        scores = np.concatenate([found.scores[rows2d] for (_, rows2d), found in seen]).astype(np.float64)
+        scores = np.concatenate([found.scores[rows2d] for (_, rows2d), found in seen])[:, None].astype(np.float64)
         by_lidar = (rows < hypotheses.lidar_count)[:, None]
-        votes = [vote_log_odds(named, scores, table) for table in (self._ridden_for, self._taken_for)]
+        votes = [
+            np.log(scores * taken_for[:, named].T + (1 - scores) / len(taken_for) + 1e-12)  # one of score 0 is none
+            for taken_for in (self._ridden_for, self._taken_for)
+        ]
         np.add.at(odds, rows, np.where(by_lidar, *votes))
         is_matched = np.bincount(rows, minlength=len(boxes)) > 0
         class_ids = np.where(is_matched, odds.argmax(1), boxes.class_ids).astype(np.int32)
@@ -112,15 +115,6 @@ def confusion(priors: Sequence[ClassPrior]) -> F64:
     """
     alike = np.exp(-np.sqrt(class_distances(priors)) / CONFUSION_SCALE)
     return np.asarray(alike / alike.sum(1, keepdims=True))
-
-
-def vote_log_odds(class_ids: I32, scores: F64, taken_for: F64) -> F64:
-    """(M, K) log likelihood of each class, given votes (M,) of a detector with scores (M,) in [0, 1].
-
-    `taken_for` (K, K) is that of `confusion`; a vote of score 0 has no effect.
-    """
-    likelihood = taken_for[:, class_ids].T
-    return np.asarray(np.log(scores[:, None] * likelihood + (1 - scores[:, None]) / len(taken_for) + 1e-12))
 
 
 def class_log_odds(sizes: F64, own_ids: I32, priors: tuple[ClassPrior, ...]) -> F64:

@@ -144,10 +144,7 @@ def suppress_overlaps(boxes: Boxes2D, *, max_iou: float) -> Indices:
     """Greedy non-maximum suppression within each class.
 
     Boxes are taken in order of falling score, equal scores in the given order; each removes the boxes of its class
-    whose IoU with it exceeds `max_iou`. Boxes of score 0 are removed.
-
-    Returns:
-        Rows kept, in order of falling score.
+    whose IoU with it exceeds `max_iou`. Boxes of score 0 are removed. Returns the rows kept, in that order.
     """
     xywh = boxes.xyxy.astype(np.float64)
     xywh[:, 2:] -= xywh[:, :2]

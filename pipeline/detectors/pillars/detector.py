@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lidcam.pipeline.core.arrays import F32, F64, I32, I64, Bools
+from lidcam.pipeline.core.arrays import F32, F64, I64, Bools
 from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import Boxes3D
 from lidcam.pipeline.core.errors import ModelError
@@ -95,12 +95,6 @@ def merged(network: Boxes3D, fitted: Boxes3D, weights: F64) -> Boxes3D:
         yaws=wrap_angle(fitted.yaws + moved[:, 2]),
         covariances=covariances,
     )
-
-
-def weights_of_cars(points: I32) -> F64:
-    """(N, 3) weights of the network's length, width and height of cars with `points` (N,)."""
-    lengths, n = points / (points + LENGTH_POINTS), len(points)
-    return np.column_stack([lengths, np.full(n, WIDTH_WEIGHT), np.full(n, 0.5)])
 
 
 def by_points(vehicles: Boxes3D) -> F64:
@@ -265,7 +259,9 @@ class FittedPillarDetector:
         agree = pair_ious(found, fitted).bev >= MIN_FITTED_IOU
         is_slender = self._is_slender[found.class_ids]
         better = agree * np.where(is_slender, 1, 2)
-        weights = np.where(self._is_tall[found.class_ids, None], 0.5, weights_of_cars(found.point_counts))
+        weights = np.full((len(found), 3), 0.5)  # of lengths, widths and heights
+        weights[:, 0], weights[:, 1] = found.point_counts / (found.point_counts + LENGTH_POINTS), WIDTH_WEIGHT
+        weights[self._is_tall[found.class_ids]] = 0.5
         both = merged(found, fitted, weights)
         boxes = found.joined(fitted, both).select(np.arange(len(found)) + len(found) * better)
         return replace(boxes, covariances=np.where(is_slender[:, None, None], boxes.covariances, by_points(boxes)))

@@ -82,7 +82,10 @@ class RecallCounts:
     def plain(self, visibility: Visibility) -> F64:
         """(C, N) recall of each camera for objects of the size of each box in plain view, as counted so far."""
         rows = np.array([self._rows[name] for name in visibility.cameras], np.intp)
-        return np.asarray(self._table()[rows[:, None], _bins(visibility.size_px)])
+        of_all = self._found.sum(0) + PRIOR_WEIGHT * np.array(PRIOR_RECALL)
+        of_all /= self._seen.sum(0) + PRIOR_WEIGHT
+        table = (self._found + PRIOR_WEIGHT * of_all) / (self._seen + PRIOR_WEIGHT)  # cameras, sizes
+        return np.asarray(table[rows[:, None], _bins(visibility.size_px)])
 
     def learn(self, visibility: Visibility, others: F64) -> F64:
         """Count found and missed objects that the other sensors are sure of.
@@ -116,12 +119,6 @@ class RecallCounts:
         self._seen *= kept
         self._found *= kept
         return np.asarray(sees[:, None])
-
-    def _table(self) -> F64:
-        """(cameras, sizes) recall."""
-        of_all = self._found.sum(0) + PRIOR_WEIGHT * np.array(PRIOR_RECALL)
-        of_all /= self._seen.sum(0) + PRIOR_WEIGHT
-        return np.asarray((self._found + PRIOR_WEIGHT * of_all) / (self._seen + PRIOR_WEIGHT))
 
 
 def _bins(size_px: F64) -> Indices:
