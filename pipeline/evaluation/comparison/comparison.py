@@ -90,9 +90,6 @@ class Tally:
         return {**counts, **percent, **kinds, **largest}
 
 
-MAX_LISTED = 1000
-"""Largest number of differences that are kept, the earliest ones; all are counted."""
-
 UNITS_3D: dict[Kind, str] = {"moved": "m", "turned": "deg", "resized": "m", "rescored": ""}
 UNITS_2D: dict[Kind, str] = {"moved": "px", "rescored": ""}
 
@@ -141,7 +138,7 @@ class Comparison:
                 tally = Tally(names, allowed, UNITS_2D)
                 one = _Channel(name, lambda frame: frame.cameras, image_objects, image_changes, tally, episodes)
             self._channels[kind].append(one)
-        self._listing = Listing(MAX_LISTED)
+        self._listing = Listing()
         self._frames = {"frames": 0, "frames_different": 0, "frames_only_in_a": 0, "frames_only_in_b": 0}
         self._start_ns: int | None = None
         self._pairs = 0

@@ -12,6 +12,9 @@ from lidcam.pipeline.evaluation.comparison.object_changes import KINDS, Kind, pa
 Channel = tuple[Literal["sources", "images"], str]
 """A source of 3D boxes, or a camera with its 2D boxes."""
 
+MAX_LISTED = 1000
+"""Largest number of differences that are kept, the earliest ones; all are counted."""
+
 WITHOUT_AMOUNT = {"relabelled", "reidentified"}
 
 
@@ -131,8 +134,7 @@ class Listing:
     Of those that begin in the same frame, sources come before cameras, and what comes first in the results.
     """
 
-    def __init__(self, max_kept: int) -> None:
-        self._max_kept = max_kept
+    def __init__(self) -> None:
         self._kept: list[Episode] = []
         self._count = 0
 
@@ -140,7 +142,7 @@ class Listing:
         """Take in episodes that are over."""
         self._count += len(episodes)
         self._kept += episodes
-        if len(self._kept) >= 2 * self._max_kept:
+        if len(self._kept) >= 2 * MAX_LISTED:
             self._shorten()
 
     def figures(self, start_ns: int) -> dict[str, Any]:
@@ -150,4 +152,4 @@ class Listing:
 
     def _shorten(self) -> None:
         self._kept.sort(key=lambda one: one.key)
-        del self._kept[self._max_kept :]
+        del self._kept[MAX_LISTED:]

@@ -111,11 +111,7 @@ def match_criteria(
 def match_frame(
     source: SourceBoxes, truth: TruthBoxes3D, criteria: Criteria, config: EvaluateConfig
 ) -> tuple[Candidates, I32, Bools]:
-    """Matches of one frame by `Criteria.position`.
-
-    Returns:
-        Pairs that may belong together, the matches (N,) of `match_criteria`, and which true objects (T,) are evaluated.
-    """
+    """Pairs of one frame that may be one object, matches (N,) by `Criteria.position`, and (T,) what is evaluated."""
     found, position, counted = source.boxes, criteria.position, is_evaluated(truth, config)
     objects = FoundObjects.of([source], 0)
     pairs = pairs_near(objects, TrueObjects.of([truth], 0), criteria.scales)

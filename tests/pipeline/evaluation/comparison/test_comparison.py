@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from lidcam.pipeline.core.detections import Boxes2D
 from lidcam.pipeline.core.settings.classes import ROAD_CLASSES, ClassPrior
-from lidcam.pipeline.evaluation.comparison import comparison as module
+from lidcam.pipeline.evaluation.comparison import differences as module
 from lidcam.pipeline.evaluation.comparison.comparison import MAX_APART_NS, Comparison, paired_frames
 from lidcam.pipeline.evaluation.comparison.differences import Channel
 from lidcam.pipeline.evaluation.comparison.object_changes import KINDS, Kind
