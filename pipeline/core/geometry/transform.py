@@ -29,11 +29,7 @@ class Transform:
         check_array("matrix", self.matrix, (4, 4), np.float64)
 
     def __matmul__(self, other: "Transform") -> "Transform":
-        """T_dst_other_src, the composition of two transforms.
-
-        Raises:
-            FrameError: the inner frames differ.
-        """
+        """T_dst_other_src, the composition of two transforms; raises FrameError if the inner frames differ."""
         if self.src != other.dst:
             raise FrameError(f"cannot chain {self.dst}<-{self.src} with {other.dst}<-{other.src}: inner frames differ")
         return Transform(self.dst, other.src, self.matrix @ other.matrix)

@@ -35,11 +35,7 @@ class TransformTree:
         return self.chain(frame)[-1]
 
     def lookup(self, dst: str, src: str) -> Transform:
-        """T_dst_src.
-
-        Raises:
-            FrameError: no path joins the frames.
-        """
+        """T_dst_src; raises FrameError if no path joins the frames."""
         up_src, up_dst = self.chain(src), self.chain(dst)
         common = next((frame for frame in up_src if frame in up_dst), None)
         if common is None:
@@ -49,11 +45,7 @@ class TransformTree:
         return self._climb(dst, common).inverse() @ self._climb(src, common)
 
     def chain(self, frame: str) -> list[str]:
-        """The frame, its parent, and so on to the root.
-
-        Raises:
-            FrameError: the parents run in a circle.
-        """
+        """The frame, its parent, and so on to the root; raises FrameError if these are a circle or too many."""
         chain: dict[str, None] = {frame: None}  # in order
         last = frame
         while (parent := self.parent(last)) is not None:
