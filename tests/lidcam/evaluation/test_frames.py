@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from builders import write_mcap
 from frames import COVARIANCE, PERIOD_NS, START_NS, frame, written_result
+from helpers import SANDBOX
 from truth_messages import true_object, truth_message
 
+import lidcam
 from lidcam.evaluation.frames import EvaluationFrames
 from lidcam.pipeline.core.arrays import F64, Bools
 from lidcam.pipeline.core.detections import Source
@@ -20,6 +22,7 @@ from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Zone, ZoneUse
 from lidcam.pipeline.evaluation.evaluation_frame import EvaluationFrame, TruthBoxes2D, TruthBoxes3D
 from lidcam.readers.results.result import open_result
+from lidcam.readers.rig.schema import parse_rig
 from lidcam.readers.truth.open import open_truth
 
 
@@ -172,3 +175,38 @@ def test_what_the_cameras_place_is_a_source_of_its_own(tmp_path: Path) -> None:
     boxes = second.sources["cameras"].boxes
     np.testing.assert_array_equal(boxes.centers, frame(1).fused.objects.centers[[1]])
     np.testing.assert_array_equal(boxes.covariances, [COVARIANCE])
+
+
+TRUTH = {
+    name: {"topic": f"/{name}/base_pose_ground_truth", "size_m": [0.33, 0.22, 0.21], "class": "car"}
+    for name in ("car1", "car2")
+}
+
+
+def test_it_agrees_with_the_simulators_objects(tmp_path: Path) -> None:
+    out = tmp_path / "out.mcap"
+    rig = parse_rig({"truth": TRUTH}, Path("rig.yaml"))
+    settings = {"output.images": False, "output.clouds": False, "output.layout": False}
+    summary = lidcam.process(
+        SANDBOX, out, config="sandbox", rig=rig, settings=settings, start_s=0.5, duration_s=0.6
+    ).summary
+    assert {*summary.inputs.copied} >= {"/ground_truth/objects", *(entry["topic"] for entry in TRUTH.values())}
+    with (
+        open_result(out) as opened,
+        open_truth(opened) as of_odometry,
+        open_result(out) as again,
+        open_truth(again, topic="/ground_truth/objects") as of_topic,
+    ):
+        assert {*opened.rig.truth} == {*TRUTH}
+        pairs = list(zip(EvaluationFrames(opened, of_odometry), EvaluationFrames(again, of_topic), strict=True))
+    assert len(pairs) >= 5
+    for first, second in pairs:
+        assert first.truth is not None
+        assert second.truth is not None
+        order = np.argsort(second.truth.centers[:, 0])
+        mine = np.argsort(first.truth.centers[:, 0])
+        np.testing.assert_allclose(first.truth.centers[mine], second.truth.centers[order], atol=0.005)
+        turn = first.truth.yaws[mine] - second.truth.yaws[order]
+        np.testing.assert_allclose(np.sin(turn), 0, atol=0.02)
+        assert (np.cos(turn) > 0).all()
+        assert first.truth.labels.tolist() == second.truth.labels.tolist() == ["car", "car"]

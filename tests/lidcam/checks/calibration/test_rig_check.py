@@ -3,15 +3,20 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
 import pytest
+import yaml
+from builders import pointcloud2, raw
 from detections import forward_camera
-from helpers import ROOT
+from frames import frame
+from helpers import CLUSTERS, ROOT, SANDBOX
 from wrong_cameras import CAMERA, cuboids, passing, without_tracks
 
-from lidcam.checks.calibration.rig_check import RigCheck
+import lidcam
+from lidcam.checks.calibration.rig_check import CalibrationCheck, RigCheck
 from lidcam.cli.printing.rig_check import check_tree, print_check
 from lidcam.cli.printing.terminal import console
 from lidcam.pipeline.calibration.lidar_error import LidarError
@@ -19,6 +24,7 @@ from lidcam.pipeline.calibration.lidar_poses import ComparedLidars, LidarPair, m
 from lidcam.pipeline.calibration.motions import motion
 from lidcam.pipeline.core.frame import FrameResult, Missing
 from lidcam.pipeline.core.geometry.transform import Transform
+from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import CameraFit, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.run.summary import camera_corrections
@@ -37,8 +43,8 @@ def _objects_are_cuboids() -> Iterator[None]:
 
 def checked(frames: Sequence[FrameResult]) -> RigCheck:
     check = RigCheck(RIG, CONFIG)
-    for frame in frames:
-        check.add_frame(frame)
+    for one in frames:
+        check.add_frame(one)
     return check
 
 
@@ -72,8 +78,8 @@ def test_the_errors_are_those_of_the_recorded_pose_where_the_run_turned_a_camera
     pose = replace(CAMERA.T_camera_site, matrix=motion(done) @ CAMERA.T_camera_site.matrix)
     used = replace(CAMERA, T_camera_site=pose, time_offset_ns=-2_000_000, fit=CameraFit(tuple(done.tolist())))
     check = RigCheck(Rig("site", (), (used,), ()), CONFIG)
-    for frame in passing(np.array([0, yaw, 0, 0, 0, 0, 0.002]) - done, noise=0.3, camera=used):
-        check.add_frame(frame)
+    for one in passing(np.array([0, yaw, 0, 0, 0, 0, 0.002]) - done, noise=0.3, camera=used):
+        check.add_frame(one)
     assert check.correction_count == len(check.warnings) == (written > 0)
     [camera] = check.corrected().cameras
     turn = camera.T_camera_site.matrix @ np.linalg.inv(CAMERA.T_camera_site.matrix)
@@ -85,8 +91,8 @@ def test_the_errors_are_those_of_the_recorded_pose_where_the_run_turned_a_camera
 def test_a_dead_lidar_does_not_keep_cameras_from_being_judged(why: Missing, is_named: bool) -> None:
     dead = LidarSensor("dead", "/dead", Transform("site", "dead", np.eye(4)))
     check = RigCheck(replace(RIG, lidars=(dead,)), CONFIG)
-    for frame in passing((0, 0.03, 0, 0, 0, 0, 0), noise=0.3):
-        check.add_frame(replace(frame, bundle=replace(frame.bundle, missing={"/dead": why})))
+    for one in passing((0, 0.03, 0, 0, 0, 0, 0), noise=0.3):
+        check.add_frame(replace(one, bundle=replace(one.bundle, missing={"/dead": why})))
     assert [warning.subject for warning in check.warnings] == ["cam"] * is_named
 
 
@@ -130,8 +136,8 @@ def test_lidars_that_stay_are_no_corrections(moved: tuple[int, ...]) -> None:
 def test_a_lens_that_a_run_changed_is_named_and_a_clock_that_may_look_like_it(late_s: float) -> None:
     changed = replace(CAMERA, model=CAMERA.model.zoomed(1.2), fit=CameraFit(zoom=1.2))
     check = RigCheck(replace(RIG, cameras=(changed,)), CONFIG)
-    for frame in passing((0, 0, 0, 0, 0, 0, late_s), noise=0.3, camera=changed):
-        check.add_frame(frame)
+    for one in passing((0, 0, 0, 0, 0, 0, late_s), noise=0.3, camera=changed):
+        check.add_frame(one)
     [warning] = check.warnings
     focal_px = CAMERA.model.K[0, 0]
     assert f"fit a focal length of {1.2 * focal_px:.0f} px, not {focal_px:.0f} px" in warning.finding
@@ -177,3 +183,53 @@ def test_verdicts_are_printed_and_written_as_values(capsys: pytest.CaptureFixtur
     assert yaw["value"] == pytest.approx(0.03 / DEGREE, abs=0.2)
     assert tree["cameras"]["silent"] == {"pairs": 0, "tracks": 0, "errors": None}
     assert tree["lidars"] == []
+
+
+def test_the_sample_as_calibrated_gives_no_warning() -> None:
+    assert lidcam.process(SANDBOX, config="sandbox", settings=[CLUSTERS]).summary.warnings == ()
+    assert lidcam.inspect(SANDBOX).warnings == ()
+
+
+def test_an_inverted_lidar_is_named_and_not_the_cameras(tmp_path: Path) -> None:
+    tree = yaml.safe_load(SANDBOX.with_name("sandbox.bag.rig.yaml").read_text())
+    del tree["ground_height_m"]
+    lidar = tree["lidars"]["velodyne3"]
+    lidar["T_site_lidar"] = np.linalg.inv(lidar["T_site_lidar"]).tolist()
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(yaml.safe_dump(tree))
+    report = lidcam.process(SANDBOX, config="sandbox", settings=[CLUSTERS], rig=rig).summary
+    by_subject = {warning.subject: str(warning) for warning in report.warnings}
+    assert by_subject.keys() == {"ground", "velodyne3"}
+    assert by_subject["velodyne3"].startswith(
+        "velodyne3: its ground lies at z = -0.87 m, and with the inverse of its extrinsics at 0.00 m"
+    )
+    # On one sweep: the defaults are for metres, not for a model of 1:14.
+    of_model = {"combine.ground.height_tolerance_m": 0.1, "combine.ground.distance_m": 0.02}
+    [warning] = lidcam.inspect(SANDBOX, rig=rig, settings=of_model).warnings
+    assert warning.subject == "velodyne3"
+
+
+def ground_message(sensor: LidarSensor, *, stamp_ns: int) -> RawMessage:
+    """Flat ground around a lidar, in the lidar's frame."""
+    random = np.random.default_rng(1)
+    xyz = np.c_[random.uniform(-15, 15, (1500, 2)), np.full(1500, -sensor.T_site_lidar.translation[2])]
+    fields = pointcloud2(xyz.astype(np.float32), stamp_ns=stamp_ns, frame_id=sensor.name)
+    return raw(sensor.topic, "sensor_msgs/msg/PointCloud2", fields, stamp_ns)
+
+
+def test_a_lidar_that_begins_late_is_looked_at_too() -> None:
+    """It is in the last two of five frames. Cameras are told only where they are not used."""
+    places = {"a": (0.0, 0.0, 1.8), "b": (0.0, 3.0, 2.4), "late": (0.0, -3.0, 1.2)}
+    *others, late = (
+        LidarSensor(name, f"/{name}", Transform.from_quaternion("site", name, place, (0, 0, 0, 1)))
+        for name, place in places.items()
+    )
+    inverted = replace(late, T_site_lidar=Transform("site", late.name, late.T_site_lidar.inverse().matrix))
+    unused = replace(forward_camera("unused"), fit=CameraFit(is_used=False))
+    check = CalibrationCheck(Rig("site", (*others, inverted), (forward_camera("sound"), unused), ()), Config())
+    for index in range(5):
+        lidars = [*others, late] if index >= 3 else others
+        messages = {lidar.topic: ground_message(lidar, stamp_ns=10**9 + index) for lidar in lidars}
+        whole = frame(index)
+        check.add_frame(replace(whole, bundle=replace(whole.bundle, messages=messages)))
+    assert [warning.subject for warning in check.warnings] == ["late", "unused"]
