@@ -4,14 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builders import image, pointcloud2, raw
-from memory_recording import MemoryRecording
+from rig_messages import cloud, discover, image_message
 
 import lidcam
 from lidcam.pipeline.core.errors import CalibrationError
 from lidcam.pipeline.core.settings.bundled import bundled
-from lidcam.pipeline.core.settings.config import Config
-from lidcam.readers.rig.discovery import discover_rig
 from lidcam.readers.rig.schema import RigFile
 from lidcam.run.job import make_job, read_rig
 
@@ -45,19 +42,9 @@ def test_several_rigs_of_a_job_are_one(tmp_path: Path) -> None:
 
 
 def test_the_rig_of_the_predecessor_system() -> None:
-    messages = [
-        raw(
-            f"/velodyne{n}_points",
-            "sensor_msgs/msg/PointCloud2",
-            pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=f"v{n}"),
-            5,
-        )
-        for n in (1, 2, 3)
-    ]
-    for n in CAMERAS:
-        fields = image(np.zeros((480, 640), np.uint8), stamp_ns=5, frame_id=f"camera_{n}", encoding="mono8")
-        messages.append(raw(f"/image_raw_{n}", "sensor_msgs/msg/Image", fields, 5))
-    found = discover_rig(MemoryRecording(messages), Config(), read_rig("original"))
+    messages = [cloud(f"/velodyne{n}_points", f"v{n}") for n in (1, 2, 3)]
+    messages += [image_message(f"/image_raw_{n}", f"camera_{n}", size=(640, 480)) for n in CAMERAS]
+    found = discover(messages, read_rig("original"))
     assert found.rig.site_frame == "point_cloud"
     assert [lidar.topic for lidar in found.rig.lidars] == [f"/velodyne{n}_points" for n in (1, 2, 3)]
     np.testing.assert_allclose(found.rig.lidars[2].T_site_lidar.translation, [9.74248361e-04, -0.98929235, 0.191780397])

@@ -1,12 +1,16 @@
 """Messages of the sensors and transforms that a rig is made from, all stamped at 5 ns."""
 
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from builders import Fields, camera_info, detection2d_array, image, pointcloud2, raw, tf_message, transform_stamped
+from memory_recording import MemoryRecording
 
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.readers.rig.discovery import Discovery
+from lidcam.pipeline.core.settings.config import Config
+from lidcam.readers.rig.discovery import Discovery, discover_rig
+from lidcam.readers.rig.schema import RigFile
 
 K = np.array([[500.0, 0, 32.0], [0, 500.0, 24.0], [0, 0, 1]])
 
@@ -44,6 +48,14 @@ def static(*edges: tuple[str, str, tuple[float, float, float]] | Fields) -> RawM
         for edge in edges
     ]
     return raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(transforms), 5)
+
+
+def discover(
+    messages: Iterable[RawMessage], file: RigFile | Mapping[str, Any] | None = None, **sections: Any
+) -> Discovery:
+    """What is found in messages, with what a rig file says and with sections of the settings."""
+    rig = None if file is None else RigFile.model_validate(file)
+    return discover_rig(MemoryRecording(messages), Config.model_validate(sections), rig)
 
 
 def reasons(found: Discovery) -> dict[str, str]:

@@ -10,20 +10,18 @@ import pytest
 import zstandard
 from builders import Encoding, pointcloud2, raw
 from foxglove_messages import foxglove_raw
-from memory_recording import MemoryRecording
+from rig_messages import discover
 from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.core.clouds import PointCloud
 from lidcam.pipeline.core.errors import CalibrationError, MessageError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.messages import compressed_cloud
 from lidcam.readers.messages.compressed_cloud import decode_compressed_cloud
 from lidcam.readers.messages.foxglove import to_ros
 from lidcam.readers.messages.pointcloud2 import decode_pointcloud2
 from lidcam.readers.messages.registry import decode_as
-from lidcam.readers.rig.discovery import discover_rig
 
 STAMP_NS = 1_700_000_000_123_456_789
 TYPE = "point_cloud_interfaces/msg/CompressedPointCloud2"
@@ -139,8 +137,7 @@ def test_limits() -> None:
 def test_without_dracopy_a_lidar_is_left_out_with_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compressed_cloud, "find_spec", lambda _: None)
     other = message("zstd", zstandard.compress(DATA), header={**FIELDS["header"], "frame_id": "other"})
-    with MemoryRecording([message("draco", SEQUENTIAL), other]) as recording:
-        found = discover_rig(recording, Config())
+    found = discover([message("draco", SEQUENTIAL), other])
     assert [lidar.topic for lidar in found.rig.lidars] == ["/points/zstd"]
     [fault] = found.faults
     assert "needs DracoPy: pip install 'lidcam[draco]'" in fault.reason
@@ -148,15 +145,14 @@ def test_without_dracopy_a_lidar_is_left_out_with_a_line(monkeypatch: pytest.Mon
 
 def test_a_compressed_copy_is_not_used() -> None:
     recorded = raw("/points", "sensor_msgs/msg/PointCloud2", FIELDS, STAMP_NS)
-    with MemoryRecording([message("draco", b"damaged"), recorded]) as recording:
-        found = discover_rig(recording, Config())
+    found = discover([message("draco", b"damaged"), recorded])
     assert ([lidar.topic for lidar in found.rig.lidars], found.faults) == (["/points"], ())
     assert "/points/draco: compressed, the same clouds as /points, not used" in found.notes
 
 
 def test_a_recording_of_which_no_cloud_can_be_decoded_says_why_once() -> None:
-    with MemoryRecording([message("cloudini", DATA)]) as recording, pytest.raises(CalibrationError) as caught:
-        discover_rig(recording, Config())
+    with pytest.raises(CalibrationError) as caught:
+        discover([message("cloudini", DATA)])
     assert str(caught.value) == (
         "no lidar is usable in this recording: points_cloudini (/points/cloudini): none of its first 1 messages can be "
         "decoded: a cloud compressed by 'cloudini', expected draco, zlib or zstd: play the recording through "

@@ -6,17 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 from builders import Encoding, Fields, header, raw
-from memory_recording import MemoryRecording
 from message_layouts import message_of_layout
+from rig_messages import discover
 
 from lidcam.pipeline.core.errors import MessageError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.core.settings.recording import RecordingLimits
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.messages.pointcloud import PACKAGES, POINT_CLOUD, decode_livox, decode_pointcloud
 from lidcam.readers.messages.registry import decode_as
-from lidcam.readers.rig.discovery import discover_rig
 
 STAMP_NS = 1_700_000_000_123_456_789
 LIVOX = f"{PACKAGES[0]}/msg/CustomMsg"
@@ -150,7 +148,7 @@ def test_such_a_lidar_is_used_also_without_a_recorded_definition(fields: Fields,
     one = message(fields, msgtype)
     bare = one._replace(channel=replace(one.channel, definition=""))
     for recorded in (one, bare):
-        found = discover_rig(MemoryRecording([recorded]), Config())
+        found = discover([recorded])
         frame = fields["header"]["frame_id"]
         assert [(lidar.topic, lidar.T_site_lidar.src) for lidar in found.rig.lidars] == [("/lidar", frame)]
         assert len(decode_as("cloud", recorded)) == 30_000

@@ -1,13 +1,11 @@
 import pytest
 from builders import odometry, raw
 from memory_recording import MemoryRecording
-from rig_messages import cloud, image_message, info
+from rig_messages import cloud, discover, image_message, info
 
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.rig.clocks import clock_offsets, usual_delay_ns
-from lidcam.readers.rig.discovery import discover_rig
-from lidcam.readers.rig.schema import RigFile
 from lidcam.readers.streams.motion import find_motion_source
 
 S = 10**9
@@ -59,9 +57,9 @@ def test_a_clock_beside_sensors_without_stamps(first_ns: int | None) -> None:
     images = [at(image_message("/cam/image_raw", "cam"), row, behind_ns=0)._replace(stamp_ns=0) for row in range(5)]
     clouds = [at(cloud("/points"), row, behind_ns=BOOT_NS) for row in range(5)]
     clouds[0] = clouds[0] if first_ns is None else clouds[0]._replace(stamp_ns=first_ns)
-    file = RigFile.model_validate({"site_frame": "lidar", "cameras": {"cam": {"T_camera_site": EXTRINSICS}}})
+    file = {"site_frame": "lidar", "cameras": {"cam": {"T_camera_site": EXTRINSICS}}}
     messages = [at(info("/cam/camera_info", "cam"), 0, behind_ns=0), *images, *clouds]
-    (lidar,) = discover_rig(MemoryRecording(messages), Config(), file).rig.lidars
+    (lidar,) = discover(messages, file).rig.lidars
     assert lidar.time_offset_ns == -BOOT_NS
 
 
@@ -83,10 +81,9 @@ def test_clocks_of_a_recording(behind_ns: dict[str, int], rig: dict[str, int], m
     sensors = cloud("/points"), image_message("/cam/image_raw", "cam"), ODOM
     messages = [at(info("/cam/camera_info", "cam"), 0, behind_ns=0)]
     messages += [at(one, row, behind_ns=behind_ns.get(one.topic, 0)) for row in range(5) for one in sensors]
-    recording, config = MemoryRecording(messages), Config()
-    file = RigFile.model_validate({"site_frame": "lidar", "cameras": {"cam": {"T_camera_site": EXTRINSICS, **rig}}})
-    found = discover_rig(recording, config, file)
-    motion = find_motion_source(recording, found.rig, found.transforms, config, usual_delay_ns=found.usual_delay_ns)
+    found = discover(messages, {"site_frame": "lidar", "cameras": {"cam": {"T_camera_site": EXTRINSICS, **rig}}})
+    recording, delay_ns = MemoryRecording(messages), found.usual_delay_ns
+    motion = find_motion_source(recording, found.rig, found.transforms, Config(), usual_delay_ns=delay_ns)
     assert motion is not None
     offsets_ns = {one.name: one.time_offset_ns for one in found.rig.lidars}
     offsets_ns |= {one.name: one.time_offset_ns for one in found.rig.cameras}

@@ -3,17 +3,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rig_messages
 from builders import odometry, raw
-from memory_recording import MemoryRecording
 from message_layouts import message_of_layout
 from object_messages import Recorded, boxes_message, objects_message
 from rig_messages import cloud, static
 
 from lidcam.pipeline.core.errors import CalibrationError, RecordingError
 from lidcam.pipeline.core.messages import RawMessage
-from lidcam.pipeline.core.settings.config import Config
-from lidcam.readers.rig.discovery import Discovery, discover_rig
-from lidcam.readers.rig.schema import RigFile
+from lidcam.readers.rig.discovery import Discovery
 
 MS = 1_000_000
 BOXES = "vision_msgs/msg/Detection3DArray"
@@ -29,8 +27,7 @@ def odom(i: int, frame: str = "map", child: str = "base_link") -> RawMessage:
 
 
 def discover(messages: Iterable[RawMessage], rig: dict[str, Any] | None = None, **sections: Any) -> Discovery:
-    sections = {"detect3d": {"method": "recorded"}} | sections
-    return discover_rig(MemoryRecording(messages), Config.model_validate(sections), RigFile.model_validate(rig or {}))
+    return rig_messages.discover(messages, rig, **{"detect3d": {"method": "recorded"}} | sections)
 
 
 def topics(found: Discovery) -> list[str]:

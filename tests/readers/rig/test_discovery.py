@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 import velodyne
 from builders import Fields, header, raw, tf_message, transform_stamped
-from memory_recording import MemoryRecording
-from rig_messages import K, boxes_2d, cloud, image_message, info, reasons, static
+from rig_messages import K, boxes_2d, cloud, discover, image_message, info, reasons, static
 
 from lidcam.pipeline.core.errors import CalibrationError, RecordingError
 from lidcam.pipeline.core.messages import Channel, RawMessage
-from lidcam.pipeline.core.settings.config import Config
-from lidcam.readers.rig.discovery import Discovery, discover_rig
-from lidcam.readers.rig.schema import RigFile
+from lidcam.readers.rig.discovery import Discovery
 from lidcam.readers.rig.sensor_topics import SensorFault, faults_told
 from lidcam.readers.rig.undecoded import UNDECODED
 
@@ -31,10 +28,6 @@ def camera_edge(parent: str, child: str) -> Fields:
 
 
 STEREO = (image_message, "image_raw"), (info, "camera_info")
-
-
-def discover(messages: Iterable[RawMessage], **sections: Any) -> Discovery:
-    return discover_rig(MemoryRecording(messages), Config.model_validate(sections))
 
 
 # --- lidars and the site frame
@@ -72,9 +65,8 @@ def moving(i: int, frame: str = "a") -> RawMessage:
 @pytest.mark.parametrize(("named", "notes"), [("a", ["/b_points, /c_points"]), ("abc", [])])
 def test_sensors_that_a_rig_file_does_not_name_are_told(named: str, notes: list[str]) -> None:
     """Somebody who gives the time offset of one sensor loses the others."""
-    file = RigFile.model_validate({"lidars": {name: {"topic": f"/{name}_points"} for name in named}})
-    edges = [("site", name, (1, 0, 0)) for name in "abc"]
-    found = discover_rig(MemoryRecording([static(*edges), A, B, C]), Config(), file)
+    file = {"lidars": {name: {"topic": f"/{name}_points"} for name in named}}
+    found = discover([static(*(("site", name, (1, 0, 0)) for name in "abc")), A, B, C], file)
     assert [lidar.name for lidar in found.rig.lidars] == [*named]
     assert [*found.notes] == [f"not used, as the rig file names others alone: {topics}" for topics in notes]
 
@@ -170,8 +162,8 @@ def test_a_lidar_whose_pose_tf_lacks_is_told(edge: Fields, reason: str) -> None:
 
 @pytest.mark.parametrize(("child", "is_told"), [("lidr", True), ("/lidar", False), ("mast", False)])
 def test_transforms_of_the_rig_file_that_no_sensor_needs_are_told(child: str, is_told: bool) -> None:
-    rig = RigFile.model_validate({"transforms": {"base": {child: {"rpy_deg": [0, 0, 90]}}}})
-    found = discover_rig(MemoryRecording([static(("mast", "lidar", (1, 0, 0))), cloud()]), Config(), rig)
+    file = {"transforms": {"base": {child: {"rpy_deg": [0, 0, 90]}}}}
+    found = discover([static(("mast", "lidar", (1, 0, 0))), cloud()], file)
     note = "no sensor needs the transforms of the rig file, to lidr: the sensors are in lidar"
     assert found.notes == (note,) * is_told
 
@@ -272,8 +264,7 @@ def test_several_lidars_without_any_pose_need_a_rig_file() -> None:
     one = {"lidars": ["/velodyne_10_0_0_2/packets"]}
     assert [lidar.topic for lidar in discover(messages, topics=one).rig.lidars] == one["lidars"]
     lidars = {f"velodyne_10_0_0_{n}": {"translation_m": (n, 0, 0)} for n in (1, 2)}
-    rig_file = RigFile.model_validate({"site_frame": "site", "lidars": lidars})
-    found = discover_rig(MemoryRecording(messages), Config(), rig_file)
+    found = discover(messages, {"site_frame": "site", "lidars": lidars})
     assert [lidar.T_site_lidar.translation.tolist() for lidar in found.rig.lidars] == [[1, 0, 0], [2, 0, 0]]
 
 
@@ -330,7 +321,7 @@ def test_frames_without_the_prefix_of_tf_are_told() -> None:
     reason = reasons(discover([static(*edges), *messages]))["c"]
     assert "name the frames as tf does (robot/cam, robot/velo) with frame_id in a rig file (--rig), or give" in reason
     entries = {"lidars": {"velo": {"frame_id": "robot/velo"}}, "cameras": {"c": {"frame_id": "robot/cam"}}}
-    named = discover_rig(MemoryRecording([static(*edges), *messages]), Config(), RigFile.model_validate(entries))
+    named = discover([static(*edges), *messages], entries)
     assert (named.rig.site_frame, len(named.rig.cameras)) == ("robot/base_link", 1)
 
 
@@ -344,8 +335,7 @@ def test_cameras_with_one_name_for_their_frames_have_frames_of_their_own() -> No
         cameras[name] = {"topic": f"/{name}/image_raw", "frame_id": "camera", "T_camera_site": T_camera_site.tolist()}
     messages = [image_message(f"/{name}/image_raw", "camera") for name in names]
     messages += [info(f"/{name}/camera_info", "camera") for name in names]
-    rig = RigFile.model_validate({"site_frame": "velo", "cameras": cameras})
-    found = discover_rig(MemoryRecording([cloud("/velo_points", "velo"), *messages]), Config(), rig)
+    found = discover([cloud("/velo_points", "velo"), *messages], {"site_frame": "velo", "cameras": cameras})
     assert [camera.T_camera_site.dst for camera in found.rig.cameras] == ["camera", "camera_b"]
     assert "b: another sensor has its frame camera, too; in the result it is camera_b" in found.notes
 
@@ -511,7 +501,7 @@ def test_boxes_alone_make_a_camera() -> None:
     size = {"width_px": 64, "height_px": 48}
     camera = {"boxes_topic": "/other/detections", **size, "K": np.reshape(K, (3, 3)).tolist()}
     known = {"site_frame": "a", "cameras": {"other": {**camera, "translation_m": [0, 0, 1], "rpy_deg": [0, 0, 0]}}}
-    found = discover_rig(MemoryRecording([A, *boxes]), Config(), RigFile.model_validate(known))
+    found = discover([A, *boxes], known)
     assert [(c.name, c.boxes_topic) for c in found.rig.cameras] == [("other", "/other/detections")]
     assert not found.faults
     assert not any("/other/detections" in note for note in found.notes)

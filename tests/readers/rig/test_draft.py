@@ -9,11 +9,10 @@ import pytest
 import rig_messages
 import yaml
 from memory_recording import MemoryRecording
-from rig_messages import K, boxes_2d, reasons, static
+from rig_messages import K, boxes_2d, discover, reasons, static
 
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.settings.config import Config
-from lidcam.readers.rig.discovery import discover_rig
 from lidcam.readers.rig.draft import draft_yaml
 from lidcam.readers.rig.rig_file import load_rig
 from lidcam.readers.rig.schema import RigFile, parse_rig
@@ -94,7 +93,7 @@ zones: {}
 
 
 def test_what_is_still_to_do_is_told(tmp_path: Path) -> None:
-    found = discover_rig(MemoryRecording(UNCALIBRATED), Config(), read(draft(UNCALIBRATED), tmp_path))
+    found = discover(UNCALIBRATED, read(draft(UNCALIBRATED), tmp_path))
     assert [lidar.name for lidar in found.rig.lidars] == ["velodyne1"]
     assert reasons(found) == {
         "velodyne2": "extrinsics are still TODO in rig.yaml",
@@ -110,11 +109,11 @@ def test_a_completed_draft_is_a_rig(tmp_path: Path) -> None:
         text = re.sub(rf"\b{key}: TODO.*", value, text)
     assert "TODO" not in text
     rig = read(text, tmp_path)
-    found = discover_rig(MemoryRecording(UNCALIBRATED), Config(), rig)
+    found = discover(UNCALIBRATED, rig)
     assert found.faults == ()
     assert [lidar.T_site_lidar.translation.tolist() for lidar in found.rig.lidars] == [[0, 0, 0], [1, 2, 3]]
     again = read(draft(UNCALIBRATED, rig), tmp_path)
-    same = discover_rig(MemoryRecording(UNCALIBRATED), Config(), again)
+    same = discover(UNCALIBRATED, again)
     assert same.faults == ()
     for one, other in zip(found.rig.cameras, same.rig.cameras, strict=True):
         np.testing.assert_allclose(one.T_camera_site.matrix, other.T_camera_site.matrix, atol=1e-15)
@@ -130,7 +129,7 @@ def test_what_is_known_is_written_beside_what_is_not(tmp_path: Path) -> None:
     assert tree["cameras"]["cam11"]["T_camera_site"] == "TODO"
     assert (tree["cameras"]["cam12"]["width_px"], tree["cameras"]["cam12"]["K"]) == (64, "TODO")
     assert np.shape(tree["cameras"]["cam12"]["T_camera_site"]) == (4, 4)
-    found = discover_rig(MemoryRecording(messages), Config(), read(draft(messages), tmp_path))
+    found = discover(messages, read(draft(messages), tmp_path))
     assert reasons(found) == {
         "cam11": "extrinsics are still TODO in rig.yaml",
         "cam12": "intrinsics are still TODO in rig.yaml",

@@ -5,20 +5,18 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from builders import camera_info, header, image, pointcloud2, raw, tf_message, transform_stamped
+from builders import camera_info, header, raw, transform_stamped
 from helpers import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
-from memory_recording import MemoryRecording
-from rig_messages import cloud, image_message, reasons
+from rig_messages import cloud, discover, image_message, reasons, static
 from scipy.spatial.transform import Rotation
 
 from lidcam.pipeline.core.errors import CalibrationError, ConfigError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.rig import Rig, TruthVehicle
-from lidcam.pipeline.core.settings.config import Config
 from lidcam.readers.rig.calibration import rigid_transform
-from lidcam.readers.rig.discovery import Discovery, discover_rig
+from lidcam.readers.rig.discovery import Discovery
 from lidcam.readers.rig.lens import decompose_projection
 from lidcam.readers.rig.rig_file import load_rig, merge_rigs, rig_yaml
 from lidcam.readers.rig.schema import CameraEntry, LidarEntry, Pose, RigFile, TruthEntry, parse_rig
@@ -32,14 +30,11 @@ POSED = {"K": K, "T_camera_site": LOOK_X}
 CAR1 = {"topic": "/odom", "size_m": [4, 2, 1.5]}
 
 
-def recorded(*extra: RawMessage) -> MemoryRecording:
-    return MemoryRecording(
-        [cloud("/a_points", "a"), cloud("/b_points", "b"), image_message("/cam11/image", "cam"), *extra]
-    )
+RECORDED = [cloud("/a_points", "a"), cloud("/b_points", "b"), image_message("/cam11/image", "cam")]
 
 
-def apply(tree: dict[str, Any], recording: MemoryRecording | None = None) -> Discovery:
-    return discover_rig(recording or recorded(), Config(), parse_rig(tree, Path("rig.yaml")))
+def apply(tree: dict[str, Any], *more: RawMessage, **sections: Any) -> Discovery:
+    return discover([*RECORDED, *more], parse_rig(tree, Path("rig.yaml")), **sections)
 
 
 def assert_same(one: Rig, other: Rig) -> None:
@@ -61,15 +56,16 @@ def test_a_written_rig_reads_back_to_the_same_numbers(tmp_path: Path) -> None:
         transform_stamped("site", name, stamp_ns=5, translation=(1 / 3, -2e-9, 3), rotation_xyzw=turn)
         for name in ("a", "b", "cam")
     ]
-    recording = recorded(
-        raw("/tf_static", "tf2_msgs/msg/TFMessage", tf_message(edges), 5),
+    messages = [
+        *RECORDED,
+        static(*edges),
         raw("/cam11/camera_info", "sensor_msgs/msg/CameraInfo", fields, 5),
         raw("/cam11/detections", "vision_msgs/msg/Detection2DArray", {"header": header(5, "cam")}, 5),
-    )
-    found = discover_rig(recording, Config())
+    ]
+    found = discover(messages)
     assert found.faults == ()
     (tmp_path / "rig.yaml").write_text(rig_yaml(found.rig))
-    again = discover_rig(recording, Config(), load_rig(tmp_path / "rig.yaml"))
+    again = discover(messages, load_rig(tmp_path / "rig.yaml"))
     assert again.faults == ()
     assert again.notes == ()
     assert_same(found.rig, again.rig)
@@ -84,7 +80,7 @@ def test_zones_vehicles_and_time_offsets_are_read_and_written(tmp_path: Path) ->
     truth = {"car1": {**CAR1, "offset_m": [1, 0, 0.7], "class": "van"}}
     tree = {"site_frame": "s", "lidars": lidars, "cameras": {"cam": camera}, "zones": zones, "truth": truth}
     (tmp_path / "rig.yaml").write_text(rig_yaml(apply(tree).rig))
-    for found in (apply(tree), discover_rig(recorded(), Config(), load_rig(tmp_path / "rig.yaml"))):
+    for found in (apply(tree), discover(RECORDED, load_rig(tmp_path / "rig.yaml"))):
         assert_same(found.rig, apply(tree).rig)
         assert {zone.name: zone.use for zone in found.rig.zones} == {"plain": "count", "bare": "count"} | uses
         assert all(zone.polygon_site.tolist() == SQUARE for zone in found.rig.zones)
@@ -154,8 +150,7 @@ def test_poses_in_a_frame_without_a_name_are_refused(tree: dict[str, Any], reaso
         apply(tree)
     named = tree | {"site_frame": "a"}
     assert apply(named).rig.site_frame == "a"
-    in_a = Config.model_validate({"rig": {"site_frame": "a"}})
-    assert discover_rig(recorded(), in_a, parse_rig(tree, Path("rig.yaml"))).rig.site_frame == "a"
+    assert apply(tree, rig={"site_frame": "a"}).rig.site_frame == "a"
 
 
 SKEWED = [[1, 0.1, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
@@ -224,7 +219,7 @@ def test_rigs_that_cannot_be_used(tree: dict[str, Any], reason: str) -> None:
 
 def test_poses_that_refer_to_each_other_are_faults() -> None:
     cameras = {"cam11": {**POSED, "parent": "other"}, "other": {**POSED, "parent": "cam11", "topic": "/other/image"}}
-    found = apply({"cameras": cameras}, recorded(image_message("/other/image", "o")))
+    found = apply({"cameras": cameras}, image_message("/other/image", "o"))
     assert "its pose refers to other: no transform joins" in reasons(found)["cam11"]
     assert "its pose refers to cam11" in reasons(found)["other"]
 
@@ -463,14 +458,10 @@ EXAMPLE = PAGE.split("```yaml\n")[1].split("```")[0]
 
 def test_the_example_is_a_rig(tmp_path: Path) -> None:
     (tmp_path / "rig.yaml").write_text(EXAMPLE)
-    lidars = [
-        raw(topic, "sensor_msgs/msg/PointCloud2", pointcloud2([[1, 2, 3]], stamp_ns=5, frame_id=topic[1:5]), 5)
-        for topic in ("/roof/points", "/bumper/points")
-    ]
-    fields: Any = image(np.zeros((720, 1280), np.uint8), stamp_ns=5, frame_id="", encoding="mono8")
+    lidars = [cloud(topic, topic[1:5]) for topic in ("/roof/points", "/bumper/points")]
     topics = ("/front/image_raw/compressed", "/left/image_raw", "/right/image_raw", "/rear/image_raw")
-    cameras = [raw(topic, "sensor_msgs/msg/Image", fields, 5) for topic in topics]
-    found = discover_rig(MemoryRecording([*lidars, *cameras]), Config(), load_rig(tmp_path / "rig.yaml"))
+    cameras = [image_message(topic, size=(1280, 720)) for topic in topics]
+    found = discover([*lidars, *cameras], load_rig(tmp_path / "rig.yaml"))
     assert [(fault.sensor, fault.reason) for fault in found.faults] == [
         ("rear", "extrinsics are still TODO in rig.yaml")
     ]
