@@ -18,7 +18,10 @@ def drives(path: Path, car: str) -> list[tuple[float, float]]:
     with AnyReader([path], default_typestore=message_types(1)) as reader:
         wanted = [c for c in reader.connections if c.topic == f"/{car}/ackermann_cmd_mux/output"]
         found: list[Any] = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(wanted)]
-    told = [(round(float(one.speed), 3), round(float(one.steering_angle), 3)) for one in (sent.drive for sent in found)]
+    told = [
+        (round(float(one.speed), 3), round(float(one.steering_angle), 3))
+        for one in (message.drive for message in found)
+    ]
     return [one for number, one in enumerate(told) if number == 0 or told[number - 1] != one]
 
 

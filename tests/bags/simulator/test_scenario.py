@@ -72,7 +72,10 @@ def test_a_sensors_body_is_turned_about_the_axes_of_what_carries_it() -> None:
             "expected 1 for packets, which hold every firing, found 2",
         ),
         ({"lidars": {"a": LIDAR | {"elevations_deg": [1]}}}, "elevations_deg: expected none of a VLP-16"),
-        ({"things": [{"position_m": [0, 0], "size_m": [1, 1, 1]}]}, "open for ground and things, found sandbox"),
+        (
+            {"things": [{"position_m": [0, 0], "size_m": [1, 1, 1]}]},
+            "expected open for ground and things, found sandbox",
+        ),
         ({"vehicles": {"a": {"route": "r"}}}, "vehicles.a.route: expected one of none, found 'r'"),
         ({"vehicles": {"a": {"ego": True}, "b": {"ego": True}}}, "expected at most one ego, found a, b"),
         (

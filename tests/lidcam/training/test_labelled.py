@@ -73,7 +73,9 @@ def test_clusters_of_frames_alone_are_learned(tmp_path: Path, monkeypatch: pytes
     shares: list[float] = []
 
     def trained() -> tuple[ClusterNetwork, str]:
-        return train_clusters(None, 3, 0, workers=1, progress=lambda one, _: shares.append(one), recordings=recordings)
+        return train_clusters(
+            None, 3, 0, workers=1, progress=lambda share, _: shares.append(share), recordings=recordings
+        )
 
     network, card = trained()
     assert "lidcam train clusters --recordings RECORDING \\\n      --worlds 3 --seed 0 --out FILE.npz" in card

@@ -109,7 +109,9 @@ UNSURE = [one._replace(objects=replace(one.objects, scores=np.full(8, 0.5, np.fl
         pytest.param(CAMERA, SPARSE, True, id="most cars beyond the lidars"),
         pytest.param(AWAY, UNSURE, True, id="nothing sure"),
         pytest.param(AWAY, [seen(cars(number), class_id=1) for number in range(10)], True, id="finds no cars"),
-        pytest.param(AWAY, [seen(cars(number), beyond=8) for number in range(10)], True, id="where no lidar looks"),
+        pytest.param(
+            AWAY, [seen(cars(number), beyond=8) for number in range(10)], True, id="looks where no lidar does"
+        ),
         pytest.param(AWAY, FRAMES[:4], True, id="few frames"),
         pytest.param(AWAY, STILL, True, id="three parked cars"),
     ],

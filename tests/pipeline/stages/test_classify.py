@@ -102,7 +102,9 @@ def test_the_one_side_that_was_measured_may_be_the_length_of_another_class() -> 
     assert by_size((4.0, 1.45, 1.6), CAR)[BICYCLE] > -0.5, "as long as a bicycle, the rest was completed"
     assert by_size((3.9, 1.45, 1.6), CAR)[BICYCLE] < -2, "both were measured"
     assert by_size((4.0, 1.7, 1.4), CAR)[TRUCK] < -1, "no truck is so short"
-    assert by_size((4.0, 1.45, 1.6), CAR)[CAR] < by_size((4.0, 1.6, 1.6), CAR)[CAR], "no car is turned for its class"
+    assert by_size((4.0, 1.45, 1.6), CAR)[CAR] < by_size((4.0, 1.6, 1.6), CAR)[CAR], (
+        "no car is turned for its own class"
+    )
 
 
 @pytest.mark.parametrize("count", [0, 3])

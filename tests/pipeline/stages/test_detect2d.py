@@ -125,9 +125,11 @@ def test_the_far_part_of_a_large_image_is_shown_once_more() -> None:
         config = Config(detect2d=settings)
         found = Detect2D(rig, config, Proposals([person]))(images, NOTHING)
         assert [len(boxes) for boxes in found.values()] == [expected, 1]
-    (left, top, right, bottom), (_, low, *_) = Detect2D(rig, Config(), Proposals([person]))(images, NOTHING)["far"].xyxy
+    (left, top, right, bottom), (_, lower, *_) = Detect2D(rig, Config(), Proposals([person]))(images, NOTHING)[
+        "far"
+    ].xyxy
     assert [left, top, right, bottom] == [110, 110, 120, 140]
-    assert 600 < low < 800 + 110
+    assert 600 < lower < 800 + 110
 
 
 @dataclass

@@ -140,7 +140,9 @@ def test_another_engine_needs_no_change_of_the_stage(monkeypatch: pytest.MonkeyP
 # --- boxes that detectors recorded
 
 
-RIG = Rig("site", (), (), (), detectors=tuple(RecordedDetector(name, f"/{name}", "site", {}) for name in "abc"))
+RIG = Rig(
+    "site", (), (), (), detectors=tuple(RecordedDetector(name, f"/{name}", "site", {}) for name in ("a", "b", "c"))
+)
 FRAME = SensorBundle(0, 1, 1, {})
 
 

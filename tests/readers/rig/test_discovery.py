@@ -382,7 +382,9 @@ def test_p_is_used_where_k_is_of_another_image() -> None:
     found = rig_with(image_message("/c/image_raw", "cam"), of_sensor)
     np.testing.assert_array_equal(found.rig.cameras[0].model.K, K)
     assert found.sources[1].intrinsics == "P of /c/camera_info (no distortion)"
-    assert found.notes[-1].startswith("c: P of /c/camera_info is used, without distortion: its K is of an image of")
+    assert found.notes[-1].startswith(
+        "c: P of /c/camera_info is used, without distortion: its K is of an image of anoth"
+    )
 
 
 @pytest.mark.parametrize(("factor", "is_told"), [(1, False), (2, True)])

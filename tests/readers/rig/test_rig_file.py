@@ -462,7 +462,9 @@ def test_the_example_is_a_rig(tmp_path: Path) -> None:
     topics = ("/front/image_raw/compressed", "/left/image_raw", "/right/image_raw", "/rear/image_raw")
     cameras = [image_message(topic, size=(1280, 720)) for topic in topics]
     found = discover([*lidars, *cameras], load_rig(tmp_path / "rig.yaml"))
-    assert [(one.sensor, one.reason) for one in found.faults] == [("rear", "extrinsics are still TODO in rig.yaml")]
+    assert [(fault.sensor, fault.reason) for fault in found.faults] == [
+        ("rear", "extrinsics are still TODO in rig.yaml")
+    ]
     assert [camera.name for camera in found.rig.cameras] == ["front", "left", "right"]
     forward = [camera.T_camera_site.inverse().matrix[:3, 2] for camera in found.rig.cameras]
     np.testing.assert_allclose(forward, [[1, 0, 0], [0, 1, 0], [0, -1, 0]], atol=1e-6)

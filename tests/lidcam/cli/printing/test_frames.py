@@ -50,7 +50,7 @@ def test_what_is_not_reported_is_no_object() -> None:
 
 def test_tracks_are_printed_with_their_objects() -> None:
     result = frame(
-        sources=[LIDAR, LIDAR, PREDICTED], tracks=tracks_of([12, 0, 7], np.array([[3, 4], [0, 0], [0, 0.5]]))
+        sources=[LIDAR, LIDAR, PREDICTED], tracks=tracks_of([12, 0, 7], [[3.0, 4.0], [0.0, 0.0], [0.0, 0.5]])
     )
     text = printed(result)
     for remark in (

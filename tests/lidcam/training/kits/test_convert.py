@@ -200,7 +200,11 @@ for _ in range(60):
     [
         ({"model_state": {}, "x": Bomb(os.system, "touch ran")}, True, "expected a checkpoint of .*, found .* posix"),
         ({"model_state": {}, "x": Bomb(os.system, "touch ran")}, False, "expected a checkpoint of .*, found .* posix"),
-        ({"state_dict": {}, "meta": {"mmdet3d_version": "0.17.1"}}, True, r"mmdetection3d 1\.0 or later, found 0\.17"),
+        (
+            {"state_dict": {}, "meta": {"mmdet3d_version": "0.17.1"}},
+            True,
+            r"mmdetection3d 1\.0 or later, found 0\.17\.1",
+        ),
         ({"state_dict": {}}, True, "holds no configuration: give --config FILE"),
         (None, True, "found no such file"),
         (b"", True, "expected a checkpoint of"),

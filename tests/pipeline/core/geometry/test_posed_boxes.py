@@ -20,7 +20,9 @@ OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 
 def posed(rotation: F64, *, center: tuple[float, ...] = (0, 0, 0), covariance: F64 | None = None) -> PosedBoxes:
     covariance = np.zeros((6, 6)) if covariance is None else covariance
-    return PosedBoxes(np.array([center], np.float64), rotation[None].copy(), np.array([[4, 2, 1.5]]), covariance[None])
+    return PosedBoxes(
+        np.array([center], np.float64), rotation[None].copy(), np.array([[4.0, 2.0, 1.5]]), covariance[None]
+    )
 
 
 XY2, YAW2 = POSITION_SIGMA_M**2, YAW_SIGMA_RAD**2

@@ -14,7 +14,10 @@ from lidcam.pipeline.stages.detect3d import Detect3D
 
 LIDAR = (0.0, 0.0, 1.8)
 CAR, PEDESTRIAN, BICYCLE, TRUCK, BUS = range(5)
-GEOMETRIC, LEARNED = (load_config(settings={"detect3d.score": one}) for one in ("geometric", "learned"))
+GEOMETRIC, LEARNED = (
+    load_config(settings=("detect3d.score=geometric",)),
+    load_config(settings=("detect3d.score=learned",)),
+)
 REAR: Box = (12.0, 0.0, 0.75, 0.3, 1.8, 1.5, 0.0)
 RIDER: Box = (8.0, 4.0, 0.95, 0.7, 0.4, 1.5, 1.0)
 

@@ -107,7 +107,10 @@ def for_task(task: str) -> Callable[[Path], object]:
         (folder, "expected an ONNX file, found a folder"),
         (lambda path: path.write_text("this is no network\n"), "expected an ONNX file that onnxruntime can load"),
         (Path.touch, "expected an ONNX file that onnxruntime can load"),
-        (lambda path: path.write_text("version https://git-lfs.github.com/spec/v1\noid"), "it with `git lfs pull`"),
+        (
+            lambda path: path.write_text("version https://git-lfs.github.com/spec/v1\noid"),
+            "fetch it with `git lfs pull`",
+        ),
         (cut, "expected an ONNX file that onnxruntime can load"),
         (network(raw_rows()[:, :25]), "20 classes, and its file has no names for them: set detect2d.names"),
         (network(raw_rows()[:-1]), "found output0 (1, 125, 85) for 96 x 64 px"),

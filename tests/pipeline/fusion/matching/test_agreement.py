@@ -56,7 +56,9 @@ def test_classes_of_the_others_count() -> None:
     ratios = np.log(true @ CONFUSION * len(CONFUSION))
     np.testing.assert_allclose(alone.log_classes[0] + np.log(5), ratios[TRUCK])
     others = agreed_with_others(belief(TRUCK), SEEN_ROWS, matched)
-    assert others.log_classes[2, PEDESTRIAN] < alone.log_classes[2, PEDESTRIAN], "the first camera says bus"
+    assert others.log_classes[2, PEDESTRIAN] < alone.log_classes[2, PEDESTRIAN], (
+        "the first camera says that it is a bus"
+    )
     assert others.log_classes[2, BUS] > alone.log_classes[2, BUS]
     assert others.log_classes[0, BUS] < alone.log_classes[0, BUS]
     np.testing.assert_allclose(np.exp(others.log_classes).sum(1), 1)

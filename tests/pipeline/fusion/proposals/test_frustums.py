@@ -43,7 +43,9 @@ def test_points_are_those_projected_into_the_box(count: int, seed: int) -> None:
         u, v = pixels.T
         expected = valid & (u > left + margin) & (u < right - margin) & (v > top) & (v < bottom)
         off = np.setxor1d(found.rows[found.group == row], np.flatnonzero(expected))
-        edges = np.abs(pixels[off] - pixels[off].clip([left + margin, top], [right - margin, bottom])).max(initial=0)
+        edges = np.abs(pixels[off] - np.clip(pixels[off], [left + margin, top], [right - margin, bottom])).max(
+            initial=0
+        )
         assert edges < 0.01
         assert len(off) <= 1, "but for rounding"
 

@@ -114,7 +114,9 @@ def test_equals_genuine_message_filters(variant: str) -> None:
         )
         found = []
         for arrival, (topic, stamp_ns, message_id) in enumerate(case["arrivals"]):
-            found += [[arrival, [*messages]] for messages in policy.add_item(topic, stamp_ns, [stamp_ns, message_id])]
+            found += [
+                [arrival, list(messages)] for messages in policy.add_item(topic, stamp_ns, [stamp_ns, message_id])
+            ]
         policy.close()
         assert found == expected, name
         assert len(dropped) + case["topics"] * len(found) == len(case["arrivals"]), name
