@@ -33,6 +33,7 @@ from lidcam.pipeline.stages.combine import Combine
 from lidcam.pipeline.stages.sync.synchronize import SyncStats
 from lidcam.pipeline.tracking.trackers import object_tracker
 from lidcam.readers.rig.discovery import Discovery
+from lidcam.readers.rig.topics.lidars import MADE_OF_OTHERS
 from lidcam.readers.streams.decoders import CloudDecoder
 from lidcam.run.box_sources import KnownBoxes, box_source
 from lidcam.run.build import build_graph, decided, shared_results
@@ -65,7 +66,7 @@ FREE = np.array([True, True, True, False, False, False, True])
 def with_agreeing_lidars(source: RunInput) -> RunInput:
     """The source with its lidars compared and moved so that they agree, unless the settings keep them as recorded."""
     rig = source.rig
-    if len(rig.lidars) < 2:
+    if len(rig.lidars) < 2 or all(lidar.topic in MADE_OF_OTHERS for lidar in rig.lidars):  # the parts of one cloud
         return source
     compared = compared_lidars(rig.lidars, rig.site_frame, [*_compared_clouds(source)])
     is_used = compared.agreeing and source.config.fuse.calibration != "recorded"

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from unittest.mock import Mock, patch
 
 import numpy as np
@@ -189,6 +190,16 @@ def test_lidars_are_not_compared_where_the_rig_moves_unnoticed(crossing: RunInpu
     with patch("lidcam.run.first_look.MAX_APART_NS", -1):
         assert [pair.error for pair in with_agreeing_lidars(moving).compared.pairs] == [None]
     assert with_agreeing_lidars(crossing) is crossing  # one lidar
+
+
+def test_parts_of_the_cloud_of_a_result_are_not_compared(tmp_path: Path) -> None:
+    """The ground, and what is above it: they have no surface in common."""
+    lidcam.process(CROSSING, tmp_path / "out.mcap", settings=SETTINGS, duration_s=0.7)
+    with open_recording([tmp_path / "out.mcap"]) as recording:
+        rig = discover_rig(recording, Config()).rig
+        source = RunInput(recording, rig, Config())
+        assert [lidar.topic for lidar in rig.lidars] == ["/ground_cloud", "/point_cloud_combined"]
+        assert with_agreeing_lidars(source) is source
 
 
 @pytest.mark.parametrize("frames", [1, 2, 17, 18, 200, 100_000])
