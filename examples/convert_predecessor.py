@@ -17,6 +17,7 @@ import argparse
 import re
 import sys
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -148,8 +149,9 @@ def image_sizes_px(folder: Path) -> dict[int, tuple[int, int]]:
 
 
 def convert(folder: Path, output: Path, calibration: Path | None) -> None:
-    """Write the recording."""
-    with output.open("xb") as stream:
+    """Write the recording; nothing is left of one that fails."""
+    with output.open("xb") as stream, ExitStack() as failed:
+        failed.callback(output.unlink)
         writer = Writer(stream)
         writer.start("ros2")
         channels: dict[str, int] = {}
@@ -167,6 +169,7 @@ def convert(folder: Path, output: Path, calibration: Path | None) -> None:
         for stamp_ns, topic, message in frames_of(folder):
             write(stamp_ns, topic, message)
         writer.finish()
+        failed.pop_all()
 
 
 if __name__ == "__main__":
@@ -175,4 +178,7 @@ if __name__ == "__main__":
     parser.add_argument("output", type=Path)
     parser.add_argument("--calibration", type=Path, help="geometry.yaml or calib.txt; without it, images are not used")
     options = parser.parse_args()
-    convert(options.folder, options.output, options.calibration)
+    try:
+        convert(options.folder, options.output, options.calibration)
+    except OSError as err:
+        raise SystemExit(f"{err.filename}: {err.strerror}") from err

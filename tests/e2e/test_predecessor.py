@@ -122,3 +122,11 @@ def test_what_is_no_data_set_is_told(tmp_path: Path, files: dict[str, str], prob
         (tmp_path / name).write_text(text)
     with pytest.raises(SystemExit, match=re.escape(problem)):
         SCRIPT_NAMES["convert"](tmp_path, tmp_path / "out.mcap", None)
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_a_missing_calibration_is_told_in_one_line(folder: Path, tmp_path: Path) -> None:
+    command = [sys.executable, str(SCRIPT), str(folder), str(tmp_path / "out.mcap"), "--calibration", "none.yaml"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (1, "none.yaml: No such file or directory\n")
+    assert not (tmp_path / "out.mcap").exists()
