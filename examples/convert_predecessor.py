@@ -1,7 +1,7 @@
 """Converts a data set of the predecessor system to a recording that lidcam processes and evaluates.
 
     python examples/convert_predecessor.py test_dataset drive.mcap --calibration geometry.yaml
-    lidcam process drive.mcap result.mcap --model-2d yolox.onnx
+    lidcam process drive.mcap result.mcap --config sandbox --model-2d yolox.onnx
     lidcam evaluate result.mcap
 
 The folder holds `pcd/N.txt` (the combined cloud of frame N, a line x y z intensity for each point), `img/N/0.jpg` to
