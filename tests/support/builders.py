@@ -180,11 +180,20 @@ def odometry(
     orientation_xyzw: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
 ) -> Fields:
     """nav_msgs/Odometry; twist and covariances are zero."""
-    pose = {
-        "position": dict(zip("xyz", position, strict=True)),
-        "orientation": dict(zip("xyzw", orientation_xyzw, strict=True)),
-    }
-    return {"header": header(stamp_ns, frame_id), "child_frame_id": child_frame_id, "pose": {"pose": pose}}
+    body = {"header": header(stamp_ns, frame_id), "child_frame_id": child_frame_id}
+    return {**body, "pose": {"pose": pose(position, orientation_xyzw)}}
+
+
+def pose(position: Sequence[float], xyzw: Sequence[float] = (0.0, 0.0, 0.0, 1.0)) -> Fields:
+    """geometry_msgs/Pose."""
+    numbers = {"position": zip("xyz", position, strict=True), "orientation": zip("xyzw", xyzw, strict=True)}
+    return {name: {axis: float(value) for axis, value in axes} for name, axes in numbers.items()}
+
+
+def box2d(left: float, top: float, right: float, bottom: float) -> Fields:
+    """vision_msgs/BoundingBox2D."""
+    center = {"position": {"x": float(left + right) / 2, "y": float(top + bottom) / 2}}
+    return {"center": center, "size_x": float(right - left), "size_y": float(bottom - top)}
 
 
 def detection2d_array(
@@ -197,15 +206,9 @@ def detection2d_array(
             {
                 "header": header(stamp_ns, frame_id),
                 "results": [{"hypothesis": {"class_id": name, "score": float(score)}}],
-                "bbox": {
-                    "center": {"position": {"x": float(left + right) / 2, "y": float(top + bottom) / 2}},
-                    "size_x": float(right - left),
-                    "size_y": float(bottom - top),
-                },
+                "bbox": box2d(*box),
             }
-            for (left, top, right, bottom), name, score in zip(
-                np.asarray(xyxy, np.float64).reshape(-1, 4), class_names, scores, strict=True
-            )
+            for box, name, score in zip(np.asarray(xyxy, np.float64).reshape(-1, 4), class_names, scores, strict=True)
         ],
     }
 

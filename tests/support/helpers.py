@@ -1,6 +1,9 @@
 """What several tests share."""
 
 import json
+import tracemalloc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +11,7 @@ import pytest
 
 from lidcam.pipeline.core.arrays import F32, F64
 
+MIB = 1 << 20
 ROOT = Path(__file__).resolve().parents[2]
 BAGS = ROOT / "bags"
 SANDBOX, CROSSING = BAGS / "sandbox.bag", BAGS / "crossing.mcap"
@@ -22,6 +26,18 @@ def shared(path: str) -> Path:
         if candidate.exists():
             return candidate
     pytest.skip(f"needs shared/{path} beside the checkout")
+
+
+@contextmanager
+def at_most(mib: float) -> Iterator[None]:
+    """Hold the block to an amount of memory."""
+    tracemalloc.start()
+    try:
+        yield
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < mib * MIB, f"{peak / MIB:.1f} MiB"
 
 
 def oracle_cloud(scene: str) -> tuple[F32, F64]:

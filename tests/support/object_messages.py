@@ -50,10 +50,7 @@ class Recorded:
     @property
     def pose(self) -> Fields:
         """geometry_msgs/Pose."""
-        return {
-            "position": dict(zip("xyz", map(float, self.center), strict=True)),
-            "orientation": dict(zip("xyzw", map(float, self.xyzw), strict=True)),
-        }
+        return builders.pose(self.center, self.xyzw)
 
     @property
     def posed(self) -> Fields:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from builders import Encoding, Fields, header, raw
+from builders import Encoding, Fields, box2d, header, pose, raw
 
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.pipeline.core.ros.typestores import message_types
@@ -59,14 +59,10 @@ def visible_message(
                 {"hypothesis": {"class_id": key, "score": score}}
                 for key, score in ((label, 1.0), ("image_pixels", pixels), ("occlusion", 0.25))
             ],
-            "bbox": {
-                "center": {"position": {"x": (left + right) / 2, "y": (top + bottom) / 2}},
-                "size_x": float(right - left),
-                "size_y": float(bottom - top),
-            },
+            "bbox": box2d(*xyxy),
             "id": name,
         }
-        for label, (left, top, right, bottom), name, pixels in boxes
+        for label, xyxy, name, pixels in boxes
     ]
     body = {"header": header(stamp_ns, frame_id or camera), "detections": detections}
     topic = f"/ground_truth/{camera}/visible"
@@ -74,8 +70,7 @@ def visible_message(
 
 
 def _box(one: Mapping[str, Any]) -> Fields:
-    turn = {"z": math.sin(one["yaw"] / 2), "w": math.cos(one["yaw"] / 2)}
-    center = {"position": dict(zip("xyz", map(float, one["center"]), strict=True)), "orientation": turn}
+    center = pose(one["center"], (0, 0, math.sin(one["yaw"] / 2), math.cos(one["yaw"] / 2)))
     return {"center": center, "size": dict(zip("xyz", map(float, one["size"]), strict=True))}
 
 

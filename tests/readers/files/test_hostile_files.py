@@ -1,8 +1,5 @@
 """Files that ask for more than they are worth: one clear line, and a bounded amount of memory."""
 
-import tracemalloc
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -19,6 +16,7 @@ from builders import (
     write_rosbag1,
     write_rosbag2,
 )
+from helpers import MIB, at_most
 from memory_recording import MemoryRecording
 
 from lidcam.pipeline.core.errors import FrameError, MessageError, RecordingError
@@ -30,21 +28,8 @@ from lidcam.readers.messages.tf import read_transforms
 from lidcam.readers.open import open_recording
 from lidcam.readers.recording import ReadOptions
 
-MIB = 1 << 20
 ODOMETRY = "nav_msgs/msg/Odometry"
 Encoding = Literal["ros1", "cdr"]
-
-
-@contextmanager
-def at_most(mib: float) -> Iterator[None]:
-    """Hold the block to an amount of memory."""
-    tracemalloc.start()
-    try:
-        yield
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak < mib * MIB, f"{peak / MIB:.1f} MiB"
 
 
 def states(count: int, encoding: Encoding = "cdr", *, frame_id: str = "odom") -> list[RawMessage]:

@@ -8,7 +8,7 @@ from unittest.mock import Mock
 import pytest
 from builders import raw, write_recording
 
-from lidcam.pipeline.core.errors import MessageError, ShortMemoryError
+from lidcam.pipeline.core.errors import ShortMemoryError
 from lidcam.pipeline.core.messages import RawMessage
 from lidcam.readers.messages.deserialize import deserialize
 from lidcam.readers.open import open_recording
@@ -64,5 +64,3 @@ def test_of_a_message(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rosbags.typesys.store.Typestore.deserialize_cdr", Mock(side_effect=MemoryError))
     with pytest.raises(MemoryError):
         deserialize(message)
-    with pytest.raises(MessageError):
-        deserialize(message._replace(problem="damaged"))

@@ -1,5 +1,4 @@
 import math
-from typing import Any
 
 import builders
 import numpy as np
@@ -13,16 +12,19 @@ STAMP_NS = 1_700_000_000_123_456_789
 MSGTYPE = "vision_msgs/msg/Detection3DArray"
 
 
-def pose(x: float = 1.0, y: float = 2.0, z: float = 3.0, quaternion: tuple[float, ...] = (0, 0, 0, 1)) -> Fields:
-    return {"position": {"x": x, "y": y, "z": z}, "orientation": dict(zip("xyzw", map(float, quaternion), strict=True))}
-
-
 def detection(
-    *classes: tuple[str, float], size: tuple[float, ...] = (4.0, 2.0, 1.5), id_: str = "", **at: Any
+    *classes: tuple[str, float],
+    size: tuple[float, ...] = (4.0, 2.0, 1.5),
+    id_: str = "",
+    x: float = 1.0,
+    quaternion: tuple[float, ...] = (0, 0, 0, 1),
 ) -> Fields:
     return {
         "results": [{"hypothesis": {"class_id": name, "score": score}} for name, score in classes],
-        "bbox": {"center": pose(**at), "size": dict(zip("xyz", map(float, size), strict=True))},
+        "bbox": {
+            "center": builders.pose((x, 2, 3), quaternion),
+            "size": dict(zip("xyz", map(float, size), strict=True)),
+        },
         "id": id_,
     }
 

@@ -101,18 +101,19 @@ def classes_of(settings: dict[str, str]) -> tuple[dict[str, str], dict[str, int]
     return found, unused
 
 
-def test_numbers_are_those_of_the_predecessor_system_and_of_the_simulator() -> None:
-    found, unused = classes_of({})
-    numbers = {"1": "car", "2": "pedestrian", "3": "bicycle", "4": "truck", "5": "truck", "6": "bus"}
-    assert found == numbers | {"truck": "truck", "person": "pedestrian"}
-    assert unused == {f"class '{number}' is not configured": 1 for number in (0, 7, 79, 80)}
-
-
-def test_numbers_of_coco() -> None:
-    found, unused = classes_of({"detect2d.class_numbers": "coco"})
-    numbers = {"0": "pedestrian", "1": "bicycle", "2": "car", "3": "bicycle", "5": "bus", "7": "truck"}
-    assert found == numbers | {"truck": "truck", "person": "pedestrian"}
-    assert unused == {f"class '{number}' is not configured": 1 for number in (4, 6, 79, 80)}
+@pytest.mark.parametrize(
+    ("settings", "classes"),
+    [
+        ({}, ["", "car", "pedestrian", "bicycle", "truck", "truck", "bus", ""]),
+        ({"detect2d.class_numbers": "coco"}, ["pedestrian", "bicycle", "car", "bicycle", "", "bus", "", "truck"]),
+    ],
+    ids=["of the predecessor system and of the simulator", "of COCO"],
+)
+def test_what_numbers_mean(settings: dict[str, str], classes: list[str]) -> None:
+    found, unused = classes_of(settings)
+    expected = dict(zip(NUMBERS, [*classes, "", "", "truck", "pedestrian"], strict=True))
+    assert found == {label: name for label, name in expected.items() if name}
+    assert unused == {f"class {label!r} is not configured": 1 for label, name in expected.items() if not name}
 
 
 def lidars(count: int) -> Rig:
