@@ -69,18 +69,22 @@ def test_messages_that_were_recorded_twice_count_once(late_ms: int, by_stamps: b
     ]
 
 
+def hung(messages: list[RawMessage], topic: str) -> list[RawMessage]:
+    """From the eleventh message of a topic on, all have its content behind their stamps."""
+    content = bytes([one.data for one in messages if one.topic == topic][10])[12:]
+    return [
+        one._replace(data=bytes(one.data[:12]) + content) if one.topic == topic and number > 10 else one
+        for number, one in zip(accumulate(one.topic == topic for one in messages), messages, strict=True)
+    ]
+
+
 @pytest.mark.parametrize("encoding", ["ros1", "cdr"])
 @pytest.mark.parametrize(("method", "used"), [("callable", 11), ("none", 30)], ids=["detected", "copied"])
 def test_a_picture_that_a_driver_repeats_with_new_stamps_goes_to_the_detector_once(
     method: Literal["callable", "none"], used: int, encoding: Literal["ros1", "cdr"]
 ) -> None:
-    messages, topic = small_drive(encoding, frames=30), "/cam/image_raw"
-    frozen = [one.data for one in messages if one.topic == topic][10]
-    messages = [
-        one._replace(data=bytes(one.data[:12]) + bytes(frozen[12:])) if one.topic == topic and number > 10 else one
-        for number, one in zip(accumulate(one.topic == topic for one in messages), messages, strict=True)
-    ]
-    source, drops, stats, clocks = run_of(messages)
+    topic = "/cam/image_raw"
+    source, drops, stats, clocks = run_of(hung(small_drive(encoding, frames=30), topic))
     config = Config(detect2d=Detect2DConfig(method=method))
     found = [*bundles(replace(source, config=config), drops, stats, clocks)]
     assert len(found) == 30
@@ -92,14 +96,7 @@ def test_a_picture_that_a_driver_repeats_with_new_stamps_goes_to_the_detector_on
 def test_a_cloud_that_a_driver_repeats_with_new_stamps_is_used_once_if_the_rig_moves(
     motion: Literal["odometry", "tf", "none"], used: int
 ) -> None:
-    messages = small_drive("cdr", frames=30, motion=motion)
-    hung = [one.data for one in messages if one.topic == "/points"][10]
-    numbers = accumulate(one.topic == "/points" for one in messages)
-    messages = [
-        one._replace(data=bytes(one.data[:12]) + bytes(hung[12:])) if one.topic == "/points" and number > 11 else one
-        for number, one in zip(numbers, messages, strict=True)
-    ]
-    source, drops, stats, clocks = run_of(messages)
+    source, drops, stats, clocks = run_of(hung(small_drive("cdr", frames=30, motion=motion), "/points"))
     found = [*bundles(source, drops, stats, clocks)]
     assert sum("/points" in bundle.messages for bundle in found) == used
     assert [row.count for row in drops.rows if row.reason == SAME_CLOUD] == [30 - used] * (used < 30)

@@ -1,8 +1,10 @@
 """Files that ask for more than they are worth: one clear line, and a bounded amount of memory."""
 
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
+from unittest.mock import Mock
 
 import pytest
 import zstandard
@@ -19,7 +21,7 @@ from builders import (
 from helpers import MIB, at_most
 from memory_recording import MemoryRecording
 
-from lidcam.pipeline.core.errors import FrameError, MessageError, RecordingError
+from lidcam.pipeline.core.errors import FrameError, MessageError, RecordingError, ShortMemoryError
 from lidcam.pipeline.core.messages import Channel, RawMessage
 from lidcam.pipeline.core.settings.recording import DEFAULT_LIMITS, RecordingLimits
 from lidcam.readers.files.damage import Losses
@@ -200,3 +202,55 @@ def test_a_chain_of_transforms_without_end() -> None:
     transforms = read_transforms(MemoryRecording([message]))
     with at_most(30), pytest.raises(FrameError, match="more than 1000 transforms one after another"):
         transforms.lookup("f3000", "f0")
+
+
+# --- memory does not grow with a recording, and a sound file that is read with too little of it is not called damaged
+
+
+def blobs(n: int, encoding: Literal["ros1", "cdr"]) -> list[RawMessage]:
+    message = raw("/cloud", "sensor_msgs/msg/PointCloud2", {"data": bytes(200_000)}, 0, encoding=encoding)
+    return [message._replace(log_time_ns=i) for i in range(n)]
+
+
+@pytest.mark.parametrize("kind", ["bag-none", "bag-lz4", "sqlite", "mcap-none", "mcap-zstd", "loose"])
+def test_memory_does_not_grow_with_the_recording(tmp_path: Path, kind: str) -> None:
+    """8 MB and 40 MB of messages: neither is ever in memory as a whole."""
+    peaks = []
+    for n in (40, 200):
+        messages = blobs(n, "ros1" if kind.startswith("bag") else "cdr")
+        path = write_recording(tmp_path / f"{kind}{n}", kind, messages)
+        tracemalloc.start()
+        with open_recording([path]) as recording:
+            assert sum(len(m.data) for m in recording.messages()) > n * 200_000
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert max(peaks) < 6 * MIB, peaks
+    assert peaks[1] < peaks[0] + MIB / 4, peaks
+
+
+@pytest.mark.parametrize("recovery", ["none", "as_needed", "full_scan"])
+@pytest.mark.parametrize(
+    ("kind", "place"),
+    [
+        ("mcap-zstd", "lidcam.readers.files.mcap.records.zstandard.decompress"),
+        ("bag-lz4", "lidcam.readers.files.rosbag1.rosbag1_file.unpack"),
+        ("sqlite", "lidcam.readers.files.sqlite_file.decompressed"),
+    ],
+)
+def test_short_memory_is_no_damage_of_a_container(
+    tmp_path: Path, kind: str, place: str, recovery: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_recording(tmp_path / "a", kind, blobs(3, "ros1" if kind == "bag-lz4" else "cdr"))
+    monkeypatch.setattr(place, Mock(side_effect=MemoryError))
+    with (
+        pytest.raises(ShortMemoryError, match="not enough memory to read "),
+        open_recording([path], ReadOptions(recovery)) as recording,
+    ):
+        list(recording.messages())
+
+
+def test_short_memory_is_no_damage_of_a_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    (message,) = blobs(1, "cdr")
+    monkeypatch.setattr("rosbags.typesys.store.Typestore.deserialize_cdr", Mock(side_effect=MemoryError))
+    with pytest.raises(MemoryError):
+        deserialize(message)
