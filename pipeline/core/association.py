@@ -68,6 +68,14 @@ def detector_variances(xyxy: F32) -> F64:
     return np.concatenate([edge / 2, 2 * edge / extent**2], 1)
 
 
+def anywhere_variances(image_sizes: F64) -> F64:
+    """(C, 4) variances of the features of boxes anywhere in images (C, 2), of any size: no position is less certain.
+
+    The derivatives of a box that reaches beside the camera, by which its rectangle spreads, say far more than that.
+    """
+    return np.column_stack([image_sizes**2, np.full((len(image_sizes), 2), LOG_SIZES**2)]) / 12
+
+
 def squared_distances(differences: F64, variances: F64) -> F64:
     """(Q,) squared distances in standard deviations, of differences of features (Q, 4)."""
     # Added in this order on every machine.

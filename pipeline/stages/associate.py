@@ -20,6 +20,7 @@ from lidcam.pipeline.core.association import (
     CALIBRATION_SIGMA_RAD,
     MAX_SIGMAS,
     MIN_GIOU,
+    anywhere_variances,
     class_confusion,
     detector_variances,
     fit_ratios,
@@ -137,10 +138,10 @@ class Associate:
         near, pairs = pairs.seen[is_first], replace(pairs, seen=np.cumsum(is_first) - 1)
         seen, (hidden, rest) = seen.select(near), (each[near] for each in hiding)
         jacobians = feature_jacobian(seen.xyxy, seen.jacobian)
-        noise = detector_variances(seen.xyxy)
+        noise, widest = detector_variances(seen.xyxy), anywhere_variances(arrays.image_sizes)[seen.cameras]
         belief = BoxBelief(prior_covariances(boxes), np.log(self._confusion).T[boxes.class_ids], self._confusion)
         others = before_matching(belief, seen.rows)
-        by_box = noise + spread(others.covariances, jacobians)
+        by_box = noise + np.minimum(spread(others.covariances, jacobians), widest)
         differences = _differences(seen, rest, found, pairs, by_box)
         class_ids, base_worth = found.class_ids[pairs.found], self._base_worth(hidden, found, pairs)
         area_px = arrays.image_sizes.prod(1)[seen.cameras[pairs.seen]]
@@ -167,7 +168,7 @@ class Associate:
             fit[:, :2] -= shifts[rows]
             matched = MatchedPairs(rows, class_ids[chosen], fit, errors, squared[chosen], jacobians[rows])
             others = agreed_with_others(belief, seen.rows, matched)
-            by_box = noise + spread(others.covariances, jacobians)
+            by_box = noise + np.minimum(spread(others.covariances, jacobians), widest)
         return taken
 
     def _base_worth(self, hidden: F32, found: FoundBoxes, pairs: Pairs) -> F64:

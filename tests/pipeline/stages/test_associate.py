@@ -42,6 +42,7 @@ def shown(xyxy: Sequence[float] | Array, *, score: float = 0.8, class_id: int = 
 AHEAD = (10.0, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0)
 LEFT = (10.0, 4.0, 0.0, 4.0, 2.0, 1.5, 0.0)
 BEHIND = (-10.0, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0)
+PASSING = boxes3d([(2.2, 3.3, -0.85, 4.0, 1.7, 1.5, 0.0)])  # its front is in view, its rear 20 cm ahead of the camera
 TWO = boxes3d([AHEAD, LEFT])
 AT = projection(TWO)
 
@@ -56,6 +57,7 @@ AT = projection(TWO)
         pytest.param(TWO, [shown(AT[1])], [(1, 0)], id="one is missed"),
         pytest.param(TWO, [shown(AT[0]), shown(AT[0], shift=0.1)], [(0, 0)], id="the better of two 2D boxes"),
         pytest.param(boxes3d([AHEAD, (10.2, *AHEAD[1:])]), [shown(AT[0])], [(0, 0)], id="the better of two 3D boxes"),
+        pytest.param(PASSING, [shown(projection(PASSING)[0])], [(0, 0)], id="beside the camera"),
         pytest.param(boxes3d([BEHIND, AHEAD]), [shown(AT[0])], [(1, 0)], id="behind the camera"),
     ],
 )
