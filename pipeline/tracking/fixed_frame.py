@@ -9,9 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, join_rows
+from lidcam.pipeline.core.clouds import CombinedCloud
 from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Boxes3D, Fused, Source
 from lidcam.pipeline.core.frame import FrameResult
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
+from lidcam.pipeline.core.geometry.regions import points_in_footprints
 from lidcam.pipeline.core.rig import Rig, Zone
 from lidcam.pipeline.core.tracks import Tracks
 from lidcam.pipeline.fusion.zones import select_by_zones
@@ -49,7 +51,7 @@ class SightingsOf:
         yaws = wrap_angle(chosen.yaws + np.arctan2(turn[1, 0], turn[0, 0]))
         rotation = np.eye(3)
         rotation[:2, :2] = turn
-        sides, side_views = _seen_from(chosen, self._lidars)
+        sides, side_views = _seen_from(chosen, self._lidars, frame.combined)
         sightings = Sightings(
             rows=rows,
             boxes=np.column_stack([centers[:, :2], yaws]),
@@ -85,15 +87,26 @@ class SightingsOf:
         return pose
 
 
-def _seen_from(boxes: Boxes3D, lidars: F64) -> tuple[F64, F64]:
-    """`Sightings.sides` and `side_views` of boxes for lidars (L, 2) in the same frame; near lidars weigh more."""
-    if not len(lidars):
+def _seen_from(boxes: Boxes3D, lidars: F64, combined: CombinedCloud) -> tuple[F64, F64]:
+    """`Sightings.sides` and `side_views` of boxes for lidars (L, 2) in the same frame.
+
+    A lidar weighs as many points as it has on a box, as something may hide it; on boxes without points, near ones weigh
+    more.
+    """
+    count = len(lidars)
+    if not count:
         return np.zeros((len(boxes), 2)), np.ones((len(boxes), 2))
     offsets = lidars[None] - boxes.centers[:, None, :2]
     cos, sin = np.cos(boxes.yaws)[:, None], np.sin(boxes.yaws)[:, None]
     along = np.stack([offsets[..., 0] * cos + offsets[..., 1] * sin, offsets[..., 1] * cos - offsets[..., 0] * sin], -1)
     distances = np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-6)
     weights = distances**-2
+    if count > 1:
+        placed = boxes.centers[:, :2], boxes.sizes[:, :2], boxes.yaws
+        rows, box = points_in_footprints(combined.detection_cloud.xyz, *placed)
+        points = np.bincount(box * count + combined.detection_lidar_index[rows], minlength=len(boxes) * count)
+        points = points.reshape(weights.shape)
+        weights = np.where(points.sum(1, keepdims=True) > 0, points, weights)
     side = np.clip(along / (boxes.sizes[:, None, :2] / 2), -1, 1)
     sides = (weights * side).sum(1) / weights.sum(1)
     # The length is visible from the side, the width from the front or the back.

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from frames import RIG, frame
+from lidar_scene import combined, rig
 
 from lidcam.pipeline.core.detections import NO_HYPOTHESIS, Fused, Source
 from lidcam.pipeline.core.frame import FrameResult
@@ -171,6 +172,20 @@ def test_lidars_show_fronts_and_cameras_do_not(shown: bool) -> None:
     one = replace(one, hypotheses=replace(one.hypotheses, lidar_count=2))
     seen = SightingsOf(RIG, CLASSES, lidars_show_front=shown)(one)
     assert seen.sightings.show_front.tolist() == [shown, shown, False]
+
+
+@pytest.mark.parametrize(
+    ("points", "side"),
+    [((9, 0), -1.0), ((0, 9), 1.0), ((9, 9), 0.0), ((0, 0), 0.0)],
+    ids=["rear", "front", "both", "none"],
+)
+def test_the_side_that_is_seen_is_that_of_the_lidars_whose_points_it_has(points: tuple[int, int], side: float) -> None:
+    one = result(count=1)
+    at = one.hypotheses.boxes.centers[0]
+    ahead = 20 * np.array([np.cos(one.hypotheses.boxes.yaws[0]), np.sin(one.hypotheses.boxes.yaws[0])])
+    lidars = rig((*(at[:2] - ahead), 2.0), (*(at[:2] + ahead), 2.0))
+    one = replace(one, combined=combined(*(np.tile(at, (count, 1)) for count in points)))
+    assert SightingsOf(lidars, CLASSES)(one).sightings.sides[0] == pytest.approx([side, 0.0], abs=1e-6)
 
 
 def test_without_tracks_there_is_no_tracker() -> None:
