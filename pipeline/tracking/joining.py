@@ -99,18 +99,24 @@ def _velocities(motions: Motions) -> tuple[F64, F64]:
 
 
 def joined_in_place(estimates: Estimates) -> I64:
-    """(T,) as `joined_over_gaps`, for tracks on the same ground: one object with two classes, or in two parts."""
-    count, courses = len(estimates), estimates.courses
-    out = np.arange(count)
+    """(T,) as `joined_over_gaps`, for tracks on the same ground: one object with two classes, or in two parts.
+
+    A track joins that one of the surer ones with which it shares most ground. It does not join two others: both may
+    pass where a doubtful one is for a moment.
+    """
+    courses, out = estimates.courses, np.arange(len(estimates))
+    stays = np.zeros(len(out), np.bool_)
     positions, starts = estimates.motions.states[:, :2], courses.starts[:-1]
     reach = np.hypot(estimates.sizes[:, 0], estimates.sizes[:, 1])[:, None] / 2
     low, high = np.minimum.reduceat(positions, starts) - reach, np.maximum.reduceat(positions, starts) + reach
-    for one in range(count):
+    for one in np.argsort(-estimates.votes.sum(1), kind="stable").tolist():
         overlaps = (courses.firsts <= courses.lasts[one]) & (courses.firsts[one] <= courses.lasts)
-        near = overlaps & (low <= high[one]).all(1) & (low[one] <= high).all(1)
-        for other in np.flatnonzero(near[:one]).tolist():
-            if _shared(estimates, one, other) > OVERLAP_SHARE:
-                out[out == out[one]] = out[other]
+        near = np.flatnonzero(stays & overlaps & (low <= high[one]).all(1) & (low[one] <= high).all(1))
+        shares = [_shared(estimates, one, other) for other in near.tolist()]
+        if max(shares, default=0.0) > OVERLAP_SHARE:
+            out[one] = near[np.argmax(shares)]
+        else:
+            stays[one] = True
     return out
 
 

@@ -77,6 +77,13 @@ def test_tracks_on_the_same_ground_are_one(beside_m: float, joined: list[int]) -
     assert joined_in_place(found).tolist() == joined
 
 
+def test_a_doubtful_track_between_two_others_does_not_join_them() -> None:
+    doubtful = Mover(straight(0, 1.2, 0, 0.5), seen=lambda k: k == 10)
+    whole = Scene.of(scene([Mover(straight(0, 0, 0, 0.5)), Mover(straight(0, 2.2, 0, 0.5)), doubtful], 20))
+    labels = [label for frame in range(20) for label in range(3 if frame == 10 else 2)]
+    assert joined_in_place(estimated(whole, np.array(labels), PRIORS)).tolist() == [0, 1, 1]
+
+
 @pytest.mark.parametrize(
     ("beside_m", "crosses", "rig_m_s", "direction"),
     [
