@@ -317,8 +317,7 @@ def _solved(
 def _reweighted(hits: _Hits, solution: _Pass, boxes: F64, noise: F64) -> F64:
     """(H, 3, 3) covariances of the boxes (H, 3), larger for those far beside the solved track."""
     motions = solution.motions.select(solution.cell_of_hit)
-    found, _ = expected(motions, hits.sightings.later_s, np.zeros(len(boxes)))
-    beside = innovations(boxes, found)
+    beside, _ = innovations(motions, boxes, hits.sightings.later_s, np.zeros(len(boxes)))
     distances = (beside * np.linalg.solve(noise, beside[..., None])[..., 0]).sum(1)
     return np.asarray(noise * np.maximum(distances / ROBUST_DISTANCE, 1.0)[:, None, None])
 

@@ -18,7 +18,6 @@ from lidcam.pipeline.tracking.motion import (
     ROBUST_DISTANCE,
     SPEED,
     Motions,
-    expected,
     innovations,
     predicted,
     updated,
@@ -54,6 +53,10 @@ class Modes(Table):
         """Means and covariances over both modes."""
         return _mixed(self.standing, self.moving, self.moves)
 
+    def speed_spreads(self) -> F64:
+        """(N,) standard deviations of the speeds between the two modes, m/s."""
+        return np.asarray(np.sqrt(self.moves * (1 - self.moves)) * np.abs(self.moving.states[:, SPEED]))
+
     def in_both(self, change: Callable[[Motions], Motions]) -> Self:
         """The tracks with a change of the motions in either mode."""
         return replace(self, standing=change(self.standing), moving=change(self.moving))
@@ -76,8 +79,7 @@ class Modes(Table):
         log_odds = np.log(self.moves) - np.log1p(-self.moves)
         after = []
         for sign, motions, correlation in ((-1, self.standing, FRAME_CORRELATION), (1, self.moving, 1.0)):
-            expected_boxes, slopes = expected(motions, later_s, rear_m)
-            difference = innovations(boxes, expected_boxes)
+            difference, slopes = innovations(motions, boxes, later_s, rear_m)
             spread = slopes @ motions.covariances @ slopes.swapaxes(1, 2) + box_noise
             distance = (difference * np.linalg.solve(spread, difference[..., None])[..., 0]).sum(1)
             log_odds -= sign / 2 * (np.minimum(distance, MAX_MODE_DISTANCE) + np.linalg.slogdet(spread)[1])

@@ -120,11 +120,15 @@ def expected(motions: Motions, later_s: F64, rear_m: F64) -> tuple[F64, F64]:
     return positions, derivatives
 
 
-def innovations(boxes: F64, expected_boxes: F64) -> F64:
-    """(N, 3) differences of boxes; yaws modulo 180 degrees, in (-pi/2, pi/2]."""
+def innovations(motions: Motions, boxes: F64, later_s: F64, rear_m: F64) -> tuple[F64, F64]:
+    """Boxes (N, 3) minus those that are `expected`, and the derivatives of these.
+
+    Differences of yaws are modulo 180 degrees, in (-pi/2, pi/2].
+    """
+    expected_boxes, derivatives = expected(motions, later_s, rear_m)
     difference = boxes - expected_boxes
     difference[:, 2] = np.pi / 2 - (np.pi / 2 - difference[:, 2]) % np.pi
-    return difference
+    return difference, derivatives
 
 
 def updated(motions: Motions, difference: F64, derivatives: F64, noise: F64, robust: float = np.inf) -> Motions:

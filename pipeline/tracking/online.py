@@ -26,7 +26,6 @@ from lidcam.pipeline.tracking.motion import (
     Priors,
     at_centers,
     at_rear_axles,
-    expected,
     innovations,
     predicted,
 )
@@ -83,6 +82,10 @@ MAX_UNSEEN_S = 1.0
 MAX_NEW_UNSEEN_S = 0.3
 """The same of a new track."""
 
+MAX_MODE_SPREAD = 0.1
+"""Maximum standard deviation of the speed of a new track over whether it stands or moves, before its speed is known, in
+speeds of `Priors`."""
+
 MAX_COASTING_S = 0.3
 """Maximum time without a sighting while an established track is reported, seconds."""
 
@@ -133,6 +136,7 @@ class _Live(Table):
     heights_m: F64
     rear_m: F64
     fronts_known: Bools
+    speeds_known: Bools
     shared_covariances: F64
 
     @property
@@ -181,7 +185,7 @@ class OnlineTracker:
         live = self._predicted(live, self._now_s - before_s)
         track_of = self._assigned(live, sightings, noise)
         live = self._updated(live, track_of, sightings, noise)
-        live = self._with_fronts(live)
+        live = self._with_known_speeds(self._with_fronts(live))
         begins = self._beginnings(live, track_of, sightings)
         track_of[begins] = len(live) + np.arange(len(begins))
         live = join_rows(live, self._new_tracks(sightings, noise, begins))
@@ -219,21 +223,22 @@ class OnlineTracker:
 
     def _pairs(self, live: _Live, sightings: Sightings, noise: F64, gate: float) -> tuple[Indices, Indices]:
         """Rows of tracks and of sightings that belong together."""
-        track, row = np.nonzero(_within_reach(live, sightings, noise, gate))
-        modes, class_ids, noise = live.modes.select(track), sightings.class_ids[row], noise[row]
+        modes = live.modes
+        near = [_within_reach(one, live.rear_m, sightings, noise, gate) for one in (modes.standing, modes.moving)]
+        track, row = np.nonzero(np.logical_or(*near))
+        modes, class_ids, noise = modes.select(track), sightings.class_ids[row], noise[row]
         scale_m2, turns = self._priors.scales_m[live.class_ids[track]] ** 2, self._priors.show_axis[class_ids]
-        distances, likelihoods = [], []
+        distances, log_likelihoods = [], []
         for motions, share in ((modes.standing, 1 - modes.moves), (modes.moving, modes.moves)):
-            boxes, slopes = expected(motions, sightings.later_s[row], live.rear_m[track])
+            beside, slopes = innovations(motions, sightings.boxes[row], sightings.later_s[row], live.rear_m[track])
             spread = slopes @ motions.covariances @ slopes.swapaxes(1, 2) + noise
-            innovation = innovations(sightings.boxes[row], boxes)
-            x, y, xx, xy, yy = innovation[:, 0], innovation[:, 1], spread[:, 0, 0], spread[:, 0, 1], spread[:, 1, 1]
+            x, y, xx, xy, yy = beside[:, 0], beside[:, 1], spread[:, 0, 0], spread[:, 0, 1], spread[:, 1, 1]
             determinant = xx * yy - xy**2
             distances.append((yy * x**2 - 2 * xy * x * y + xx * y**2) / determinant)
-            turned = np.minimum(innovation[:, 2] ** 2 / (spread[:, 2, 2] + HEADING_SIGMA_RAD**2), MAX_HEADING_COST)
+            turned = np.minimum(beside[:, 2] ** 2 / (spread[:, 2, 2] + HEADING_SIGMA_RAD**2), MAX_HEADING_COST)
             cost = distances[-1] + np.log(determinant / scale_m2**2) + HEADING_WEIGHT * turns * turned
-            likelihoods.append(np.log(share) - cost / 2)
-        distance, costs = np.minimum(*distances), -2 * np.logaddexp(*likelihoods)
+            log_likelihoods.append(np.log(share) - cost / 2)
+        distance, costs = np.minimum(*distances), -2 * np.logaddexp(*log_likelihoods)
         shares = live.votes[track, class_ids] / live.votes.sum(1)[track]
         costs -= 2 * np.log(SAME_CLASS_LIKELIHOOD * shares + ANY_CLASS_LIKELIHOOD)
         costs -= 2 * np.log(np.maximum(sightings.beliefs[row], 0.05))
@@ -315,6 +320,12 @@ class OnlineTracker:
             fronts_known=known,
         )
 
+    def _with_known_speeds(self, live: _Live) -> _Live:
+        """Speeds stay known once they are: before, they are a mean of standing and of moving, which is neither."""
+        spreads = live.modes.speed_spreads() / self._priors.speeds[live.class_ids]
+        known = (live.hits >= MIN_MEASUREMENTS) & (spreads <= MAX_MODE_SPREAD)
+        return replace(live, speeds_known=live.speeds_known | known)
+
     def _beginnings(self, live: _Live, track_of: Indices, sightings: Sightings) -> Indices:
         """(M,) sightings with which tracks begin: reported, without a track, and not near another one."""
         rows = np.flatnonzero((track_of < 0) & sightings.are_reported)
@@ -362,6 +373,7 @@ class OnlineTracker:
             heights_m=sightings.heights_m,
             rear_m=np.zeros(n),
             fronts_known=np.zeros(n, np.bool_),
+            speeds_known=np.zeros(n, np.bool_),
             shared_covariances=SHARED_ERROR * noise[:, :2, :2],
         )
 
@@ -380,7 +392,7 @@ class OnlineTracker:
             existence=probability(live.log_odds),
             ages_s=self._now_s - live.born_s,
             fronts_known=live.fronts_known,
-            speeds_known=(live.hits >= MIN_MEASUREMENTS)
+            speeds_known=live.speeds_known
             & (np.abs(centers.states[:, SPEED]) <= self._priors.max_speeds[live.class_ids]),
             seen=seen,
         )
@@ -389,16 +401,15 @@ class OnlineTracker:
         return rows.select(is_reported)
 
 
-def _within_reach(live: _Live, sightings: Sightings, noise: F64, gate: float) -> Bools:
+def _within_reach(motions: Motions, rear_m: F64, sightings: Sightings, noise: F64, gate: float) -> Bools:
     """(T, N) pairs that the gate may let pass: most pairs of a crowded frame are far apart.
 
     A squared Mahalanobis distance is no less than the squared distance over the sum of the variances.
     """
-    centers, late_s = at_centers(live.modes.moving, live.rear_m), np.abs(sightings.later_s)
-    motions = live.modes.moving
+    centers, late_s = at_centers(motions, rear_m), np.abs(sightings.later_s)
     _, _, heading, speed, turn = np.sqrt(np.diagonal(motions.covariances, axis1=1, axis2=2)).T
-    fastest = np.abs(motions.states[:, SPEED]) + live.rear_m * np.abs(motions.states[:, TURN])
-    spreads = speed + fastest * heading + (fastest + live.rear_m) * turn
+    fastest = np.abs(motions.states[:, SPEED]) + rear_m * np.abs(motions.states[:, TURN])
+    spreads = speed + fastest * heading + (fastest + rear_m) * turn
     sigmas_m = [np.sqrt(np.trace(one[:, :2, :2], axis1=1, axis2=2)) for one in (centers.covariances, noise)]
     reach_m = np.sqrt(gate) * np.add.outer(*sigmas_m) + np.outer(fastest + np.sqrt(gate) * spreads, late_s)
     away = sightings.boxes[:, :2] - centers.states[:, None, :2]

@@ -16,7 +16,6 @@ from lidcam.pipeline.tracking.motion import (
     STATE,
     TURN,
     Motions,
-    expected,
     innovations,
     predicted,
     updated,
@@ -132,8 +131,8 @@ def _filtered(now: Motions, courses: Courses, cells: Cells, tracks: Indices, at:
     seen = np.flatnonzero(cells.are_seen[at])
     if len(seen):
         here, motions = at[seen], Motions(states[seen], covariances[seen])
-        boxes, slopes = expected(motions, cells.later_s[here], courses.rear_m[tracks[seen]])
-        after = updated(motions, innovations(cells.boxes[here], boxes), slopes, cells.noise[here], ROBUST_DISTANCE)
+        difference, slopes = innovations(motions, cells.boxes[here], cells.later_s[here], courses.rear_m[tracks[seen]])
+        after = updated(motions, difference, slopes, cells.noise[here], ROBUST_DISTANCE)
         states[seen], covariances[seen] = after.states, after.covariances
     return Motions(states, covariances)
 

@@ -62,7 +62,7 @@ def test_places_go_to_the_rear_axle_and_back(state: np.ndarray, rear_m: float) -
 
 
 def test_yaws_count_modulo_half_a_turn() -> None:
-    difference = innovations(np.array([[0.0, 0.0, 3.1]]), np.array([[0.0, 0.0, 0.0]]))
+    difference, _ = innovations(motions(np.zeros((1, 5))), np.array([[0.0, 0.0, 3.1]]), np.zeros(1), np.zeros(1))
     assert difference[0, 2] == pytest.approx(3.1 - np.pi)
     assert wrap_angle(np.array([np.pi, -np.pi, 4.0])) == pytest.approx([np.pi, np.pi, 4.0 - 2 * np.pi])
 

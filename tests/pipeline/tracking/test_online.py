@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tracked_scenes import CAR, PEDESTRIAN, PERIOD_S, PRIORS, Mover, scene, straight
+from tracked_scenes import BICYCLE, CAR, PEDESTRIAN, PERIOD_S, PRIORS, Mover, scene, straight
 
 from lidcam.pipeline.tracking.motion import HEADING, SPEED, TURN
 from lidcam.pipeline.tracking.online import OnlineTracker
@@ -37,6 +37,22 @@ def test_what_stands_is_not_driven_by_noise_and_starts_at_once() -> None:
     speeds = np.array([rows.states[0, SPEED] for rows in tracked(scene([car], 60, noise_m=0.1))])
     assert np.abs(speeds[15:30]).max() < 0.1
     assert speeds[45:] == pytest.approx(2.5 * PERIOD_S * np.arange(15, 30), abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("class_id", "m_s", "noise_m"),
+    [(CAR, 3.0, 0.05), (CAR, 3.0, 0.15), (CAR, 8.0, 0.15), (PEDESTRIAN, 1.4, 0.05), (BICYCLE, 4.0, 0.15)],
+)
+def test_a_new_speed_is_known_once_the_track_stands_or_moves(class_id: int, m_s: float, noise_m: float) -> None:
+    one = Mover(straight(-10, 3, 0.4, m_s), class_id=class_id)
+    rows = [rows for rows in tracked(scene([one], 12, noise_m=noise_m)) if rows.speeds_known.any()]
+    assert len(rows) >= 5
+    assert min(row.states[0, SPEED] for row in rows[:3]) > 0.75 * m_s
+
+
+def test_the_speed_of_what_stands_is_known_at_once() -> None:
+    rows = tracked(scene([Mover(straight(-10, 3, 0.4, 0.0))], 12, noise_m=0.1))
+    assert [row.speeds_known.all() for row in rows] == [False] * 2 + [True] * 10
 
 
 def test_boxes_that_are_turned_round_do_not_turn_the_track() -> None:
