@@ -38,6 +38,7 @@ from lidcam.pipeline.tracking.sightings import (
     forward_log_odds,
     measurement_covariances,
     shows_part,
+    shows_whole,
     size_weights,
 )
 from lidcam.pipeline.tracking.smoothing import FRAME_CORRELATION, Cells, Courses, smoothed
@@ -57,10 +58,6 @@ MIN_LANE_TRAVEL = 3.0
 SIZE_QUANTILE = 0.65
 """Quantile of the weighted lengths and widths; above the median, as other objects hide ends more often than they add to
 them."""
-
-MAX_LENGTH_RATIO = 1.5
-"""Maximum ratio of the length of another class, whose boxes count for the size of a track, to that of its class: in
-some frames a lorry is a bus. Boxes of shorter classes are parts."""
 
 MIN_LANE_BELIEF = 0.5
 """Minimum mean probability of a track that defines a lane, over all of its frames: a track that steps from one parked
@@ -192,7 +189,7 @@ def estimated(scene: Scene, track_of: I64, priors: Priors, history: History | No
     are_parts = shows_part(hits.sightings.class_ids, class_ids[hits.tracks], priors)
     noise[are_parts | ~hits.sightings.are_reported] *= WEAK_NOISE
 
-    sizes = _sizes(hits, priors, of_class, history)
+    sizes = _sizes(hits, priors, class_ids, history)
     boxes = _resized_boxes(hits, sizes)
     free = _solved(scene, hits, _initial_courses(scene, hits, boxes, noise, of_class), boxes, noise)
     free, standing = _with_parked(scene, free, of_class)
@@ -241,12 +238,11 @@ def _hits(scene: Scene, track_of: I64) -> _Hits:
     return _Hits(tracks, rows, scene.frames[rows], firsts, lasts, scene.sightings.select(rows))
 
 
-def _sizes(hits: _Hits, priors: Priors, of_class: Priors, history: History) -> F64:
+def _sizes(hits: _Hits, priors: Priors, class_ids: I64, history: History) -> F64:
     """(T, 3) sizes by the history, else quantiles of the boxes of its class, and of one that is a little longer."""
-    sightings, are_solid = hits.sightings, of_class.are_solid
-    ratios = priors.lengths_m[sightings.class_ids] / of_class.lengths_m[hits.tracks]
-    shows_whole = (ratios >= 1.0) & (ratios < MAX_LENGTH_RATIO)
-    weights = size_weights(sightings, np.where(shows_whole, sightings.beliefs, NO_BELIEF), are_solid[hits.tracks])
+    sightings, are_solid = hits.sightings, priors.are_solid[class_ids]
+    is_whole = shows_whole(sightings.class_ids, class_ids[hits.tracks], priors)
+    weights = size_weights(sightings, np.where(is_whole, sightings.beliefs, NO_BELIEF), are_solid[hits.tracks])
     sides, groups = np.where(are_solid, SIZE_QUANTILE, 0.5), (hits.tracks, len(hits))
     shares = sides, sides, np.full(len(hits), 0.5)
     found = [weighted_quantiles(sightings.sizes[:, axis], weights[:, axis], *groups, shares[axis]) for axis in range(3)]

@@ -44,6 +44,7 @@ from lidcam.pipeline.tracking.sightings import (
     forward_log_odds,
     measurement_covariances,
     shows_part,
+    shows_whole,
     size_weights,
 )
 from lidcam.pipeline.tracking.smoothing import FRAME_CORRELATION
@@ -131,7 +132,7 @@ class _Live(Table):
     hits: I64
     along_m: F64
     front_votes: F64
-    size_sums: F64
+    size_sums: F64  # (N, C, 3), of the boxes of each class
     size_weights: F64
     heights_m: F64
     rear_m: F64
@@ -147,9 +148,11 @@ class _Live(Table):
     def class_ids(self) -> I64:
         return np.asarray(self.votes.argmax(1))
 
-    @property
-    def sizes(self) -> F64:
-        return self.size_sums / self.size_weights
+    def sizes(self, priors: Priors) -> F64:
+        """(N, 3) by the boxes of its class, and of one that is a little longer."""
+        is_whole = shows_whole(np.arange(len(priors)), self.class_ids[:, None], priors)
+        of_classes = np.where(is_whole, 1.0, NO_BELIEF)[..., None]
+        return np.asarray((of_classes * self.size_sums).sum(1) / (of_classes * self.size_weights).sum(1))
 
 
 class OnlineTracker:
@@ -262,8 +265,7 @@ class OnlineTracker:
         rolling_m_s = self._priors.noise[seen.class_ids, -1]
         modes = seen.modes.updated(sightings.boxes, sightings.later_s, seen.rear_m, noise, rolling_m_s)
         after = modes.combined()
-        shows_size = np.where(are_parts, NO_BELIEF, beliefs)
-        weights = size_weights(sightings, shows_size, self._priors.are_solid[seen.class_ids])
+        weights = self._by_class(sightings, self._priors.are_solid[seen.class_ids])
         votes = seen.votes.copy()
         votes[np.arange(len(seen)), sightings.class_ids] += beliefs
         agreement = np.sign(np.cos(sightings.boxes[:, 2] - after.states[:, HEADING]))
@@ -277,19 +279,24 @@ class OnlineTracker:
             seen_s=np.full(len(seen), self._now_s),
             hits=seen.hits + 1,
             front_votes=seen.front_votes + beliefs * sightings.show_front * agreement,
-            size_sums=seen.size_sums + weights * sightings.sizes,
+            size_sums=seen.size_sums + weights * sightings.sizes[:, None],
             size_weights=seen.size_weights + weights,
             heights_m=sightings.heights_m,
             shared_covariances=SHARED_ERROR * noise[:, :2, :2],
         )
         return replace_rows(live, tracks, seen)
 
+    def _by_class(self, sightings: Sightings, are_solid: Bools) -> F64:
+        """(N, C, 3) `size_weights`, zero but for the class of each box."""
+        is_class = np.arange(len(self._priors)) == sightings.class_ids[:, None]
+        return np.asarray(is_class[..., None] * size_weights(sightings, sightings.beliefs, are_solid)[:, None])
+
     def _with_fronts(self, live: _Live) -> _Live:
         """Turn tracks that seem to drive backwards, and those that have not moved if most boxes show them turned round.
 
         Once the front is known, positions are those of the rear axles.
         """
-        lengths = live.sizes[:, 0]
+        lengths = live.sizes(self._priors)[:, 0]
         min_travel_m = MIN_FRONT_TRAVEL * np.minimum(lengths, self._priors.scales_m[live.class_ids])
         moved = np.abs(live.along_m) > min_travel_m
         votes = np.abs(live.front_votes) / FRAME_CORRELATION / FRONT_PRIOR_VOTES
@@ -355,7 +362,7 @@ class OnlineTracker:
         log_odds = EVIDENCE_WEIGHT * (logit(beliefs) + DOUBT_LOG_ODDS * len(self._recent_s))
         votes = np.full((n, len(self._priors)), 1e-3)
         votes[np.arange(n), sightings.class_ids] += beliefs
-        weights = size_weights(sightings, beliefs, self._priors.are_solid[sightings.class_ids])
+        weights = self._by_class(sightings, self._priors.are_solid[sightings.class_ids])
         first_id, self._next_id = self._next_id, self._next_id + n
         return _Live(
             ids=np.arange(first_id, first_id + n),
@@ -368,7 +375,7 @@ class OnlineTracker:
             hits=np.ones(n, np.int64),
             along_m=np.zeros(n),
             front_votes=beliefs * sightings.show_front,
-            size_sums=weights * sightings.sizes,
+            size_sums=weights * sightings.sizes[:, None],
             size_weights=weights,
             heights_m=sightings.heights_m,
             rear_m=np.zeros(n),
@@ -387,7 +394,7 @@ class OnlineTracker:
             covariances=centers.covariances,
             rear_m=live.rear_m,
             heights_m=live.heights_m,
-            sizes=live.sizes,
+            sizes=live.sizes(self._priors),
             class_ids=live.class_ids,
             existence=probability(live.log_odds),
             ages_s=self._now_s - live.born_s,

@@ -54,6 +54,10 @@ WEAK_NOISE = 30.0
 """Factor of the variances of a box that shows its object poorly: one that the frame by itself does not report may be
 another thing's, or turned, and one of a shorter class than its track's is a part, which may be either end."""
 
+MAX_LENGTH_RATIO = 1.5
+"""Maximum ratio of the length of another class, whose boxes count for the size of a track, to that of its class: in
+some frames a lorry is a bus. Boxes of shorter classes are parts."""
+
 NO_BELIEF = 1e-9
 """Weight of the size of a box that does not show the whole object: only where no other box does, it counts."""
 
@@ -174,6 +178,12 @@ def measurement_covariances(sightings: Sightings, priors: Priors) -> F64:
 def shows_part(class_ids: I64, track_class_ids: I64, priors: Priors) -> Bools:
     """(N,) whether boxes of these classes are parts of objects of the classes of their tracks, which are longer."""
     return np.asarray(priors.lengths_m[class_ids] < priors.lengths_m[track_class_ids])
+
+
+def shows_whole(class_ids: I64, track_class_ids: I64, priors: Priors) -> Bools:
+    """Whether boxes of these classes show the size of objects of the classes of their tracks; shapes as broadcast."""
+    ratios = priors.lengths_m[class_ids] / priors.lengths_m[track_class_ids]
+    return np.asarray((ratios >= 1.0) & (ratios < MAX_LENGTH_RATIO))
 
 
 def size_weights(sightings: Sightings, beliefs: F64, are_solid: Bools) -> F64:

@@ -96,6 +96,16 @@ def test_its_size_is_that_of_the_boxes_with_many_points(few: int) -> None:
     assert lengths_m[11] == pytest.approx(3.0 + 1000 / (1000 + 10 * few))
 
 
+def test_its_size_is_not_that_of_boxes_of_another_class() -> None:
+    """Two cyclists side by side, who begin as a car."""
+    frames = scene([Mover(straight(-10, 0, 0, 5.0), class_id=BICYCLE, size=(1.8, 0.6, 1.7))], 20)
+    for one in frames[:2]:
+        one.sightings.class_ids[:], one.sightings.sizes[:] = CAR, [4.0, 1.7, 1.5]
+    rows = tracked(frames)
+    assert rows[1].sizes[0] == pytest.approx([4.0, 1.7, 1.5])
+    assert rows[-1].sizes[0] == pytest.approx([1.8, 0.6, 1.7])
+
+
 def test_cars_that_pass_each_other_keep_their_numbers() -> None:
     movers = [Mover(straight(-20, 0, 0, 10.0)), Mover(straight(20, 3.5, np.pi, 10.0))]
     rows = tracked(scene(movers, 40))
