@@ -14,6 +14,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Table, first_of_runs
 from lidcam.pipeline.tracking.motion import (
     HEADING,
+    NO_AXIS_VARIANCE,
     ROBUST_DISTANCE,
     SPEED,
     STATE,
@@ -29,7 +30,6 @@ from lidcam.pipeline.tracking.sightings import (
     FORWARD_LOG_ODDS,
     FRONT_PRIOR_VOTES,
     MIN_FRONT_TRAVEL,
-    NO_AXIS_VARIANCE,
     NO_BELIEF,
     SHARED_ERROR,
     WEAK_NOISE,

@@ -21,6 +21,7 @@ from lidcam.pipeline.tracking.motion import (
     innovations,
     predicted,
     updated,
+    with_known_axes,
     with_possible_turns,
 )
 from lidcam.pipeline.tracking.smoothing import FRAME_CORRELATION
@@ -77,6 +78,8 @@ class Modes(Table):
     def updated(self, boxes: F64, later_s: F64, rear_m: F64, box_noise: F64, rolling_m_s: F64) -> Self:
         """The tracks after a box (N, 3) each, of covariance (N, 3, 3), measured some seconds (N,) after the states."""
         log_odds = np.log(self.moves) - np.log1p(-self.moves)
+        beside_moving, _ = innovations(self.moving, boxes, later_s, rear_m)
+        box_noise = with_known_axes(box_noise, beside_moving, self.moving, rolling_m_s)
         after = []
         for sign, motions, correlation in ((-1, self.standing, FRAME_CORRELATION), (1, self.moving, 1.0)):
             difference, slopes = innovations(motions, boxes, later_s, rear_m)

@@ -35,6 +35,9 @@ LATERAL_M_S2 = 3.0
 ROBUST_DISTANCE = 9.0
 """Squared Mahalanobis distance beyond which a box weighs less."""
 
+NO_AXIS_VARIANCE = 100.0
+"""Yaw variance of boxes that show no axis, rad^2: they carry no heading."""
+
 _IDENTITY = np.eye(STATE)
 
 
@@ -152,6 +155,21 @@ def updated(motions: Motions, difference: F64, derivatives: F64, noise: F64, rob
     kept = _IDENTITY - gains @ derivatives
     covariances = kept @ motions.covariances @ kept.swapaxes(1, 2) + gains @ noise @ gains.swapaxes(1, 2)
     return Motions(motions.states + (gains @ difference[..., None])[..., 0], covariances)
+
+
+def with_known_axes(noise: F64, difference: F64, motions: Motions, rolling_m_s: F64) -> F64:
+    """The covariances (N, 3, 3) of boxes, without the headings of those across the way of a vehicle that drives.
+
+    Their length was taken for their width: none turns so far within a frame. `difference` (N, 3) are the innovations,
+    `rolling_m_s` (N,) is the last column of the noise of `Priors`.
+    """
+    drives = np.abs(motions.states[:, SPEED]) > np.maximum(
+        rolling_m_s, 3 * np.sqrt(motions.covariances[:, SPEED, SPEED])
+    )
+    is_across = drives & (rolling_m_s > 0) & (np.abs(difference[:, 2]) > np.pi / 4)
+    noise = noise.copy()
+    noise[is_across, 2, 2] = NO_AXIS_VARIANCE
+    return noise
 
 
 def with_possible_turns(motions: Motions, rolling_m_s: F64) -> Motions:

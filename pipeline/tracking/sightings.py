@@ -8,7 +8,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64, I32, I64, U8, Bools, Table, join_rows
 from lidcam.pipeline.core.geometry.boxes import rotations_2d
 from lidcam.pipeline.fusion.refining.box_prior import MAX_SIZE_SIGMA, MIN_ANCHOR, SEEN_SIZE_SIGMA
-from lidcam.pipeline.tracking.motion import Priors
+from lidcam.pipeline.tracking.motion import NO_AXIS_VARIANCE, Priors
 
 NOT_SEEN = -1
 """Sighting of a track that the frame does not show."""
@@ -46,9 +46,6 @@ JUMP_SIGMA = 0.04
 
 EXTRA_YAW_SIGMA_RAD = 0.03
 """Standard deviation added to the yaw of every box, radians."""
-
-NO_AXIS_VARIANCE = 100.0
-"""Yaw variance of boxes that show no axis, rad^2: they carry no heading."""
 
 WEAK_NOISE = 30.0
 """Factor of the variances of a box that shows its object poorly: one that the frame by itself does not report may be

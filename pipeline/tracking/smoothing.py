@@ -19,6 +19,7 @@ from lidcam.pipeline.tracking.motion import (
     innovations,
     predicted,
     updated,
+    with_known_axes,
 )
 
 FRAME_CORRELATION = 4.0
@@ -132,7 +133,8 @@ def _filtered(now: Motions, courses: Courses, cells: Cells, tracks: Indices, at:
     if len(seen):
         here, motions = at[seen], Motions(states[seen], covariances[seen])
         difference, slopes = innovations(motions, cells.boxes[here], cells.later_s[here], courses.rear_m[tracks[seen]])
-        after = updated(motions, difference, slopes, cells.noise[here], ROBUST_DISTANCE)
+        noise = with_known_axes(cells.noise[here], difference, motions, courses.noise[tracks[seen], -1])
+        after = updated(motions, difference, slopes, noise, ROBUST_DISTANCE)
         states[seen], covariances[seen] = after.states, after.covariances
     return Motions(states, covariances)
 

@@ -61,6 +61,13 @@ def test_boxes_that_are_turned_round_do_not_turn_the_track() -> None:
     assert all(row.states[0, SPEED] > 0 for row in rows[10:])
 
 
+def test_boxes_across_the_way_do_not_turn_a_car_that_drives() -> None:
+    """In three frames, its length is taken for its width."""
+    rows = tracked(scene([Mover(lambda t: (6 * t, 0.0, np.pi / 2 * (0.95 < t < 1.25)))], 30))
+    assert {number for row in rows for number in row.ids.tolist()} == {1}
+    assert all(abs(row.states[0, HEADING]) < 0.15 for row in rows)
+
+
 def test_a_car_that_reverses_a_little_keeps_its_front() -> None:
     rows = tracked(scene([Mover(lambda t: (-1.5 * max(t - 2.0, 0.0), 0.0, 0.0))], 50))
     assert all(abs(row.states[0, HEADING]) < 0.2 for row in rows)
