@@ -16,6 +16,7 @@ import numpy as np
 from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices
 from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.core.settings.classes import ClassPrior
+from lidcam.pipeline.detectors.cluster.axes import Axes
 from lidcam.pipeline.detectors.cluster.lshape import Rectangles
 from lidcam.pipeline.native.kernels import completed_boxes
 
@@ -25,14 +26,15 @@ the lidar sees the rider, in the middle. Such boxes grow to both ends alike."""
 
 
 class Directions(NamedTuple):
-    """Directions of the lengths of C objects, as they are known before their boxes are fitted."""
+    """Directions of C objects, as they are known before their boxes are fitted."""
 
-    yaws: F64  # (C,) radians
+    yaws: F64  # (C,) of their lengths, radians
     variances: F64  # (C,) rad^2
+    axes: Axes  # Of their sides
 
     def of_rows(self, rows: Indices) -> "Directions":
         """Those of some objects."""
-        return Directions(self.yaws[rows], self.variances[rows])
+        return Directions(self.yaws[rows], self.variances[rows], Axes(*(column[rows] for column in self.axes)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +94,7 @@ def complete_boxes(
         lidar_xy: (L, 2) positions of the lidars, metres, in the frame of the clusters.
         kinds: Sizes of the classes.
         given_ids: (C,) class of each cluster, whatever its size; -1 where it is to be chosen. None: all of them.
-        directions: Of the lengths, if something tells them; the sizes count as well.
+        directions: If something tells them: which side is the length is decided with the sizes.
     """
     axis_costs = np.zeros((len(top_m), 2))
     if directions is not None:

@@ -8,9 +8,11 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, replace_rows, select_rows
 from lidcam.pipeline.core.clouds import CombinedCloud, Plane
+from lidcam.pipeline.core.geometry.boxes import wrap_angle
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.classes import ClassPrior
 from lidcam.pipeline.core.settings.detect import ClusterConfig
+from lidcam.pipeline.detectors.cluster.axes import AXIS_SIGMA_RAD, Axes
 from lidcam.pipeline.detectors.cluster.clusters import thin_points
 from lidcam.pipeline.detectors.cluster.completion import CompletedBoxes, Directions, Kinds, complete_boxes
 from lidcam.pipeline.detectors.cluster.lshape import (
@@ -30,6 +32,15 @@ ones."""
 
 TOP_SHARE = 0.99
 """Share of a group's points below its top; the rest may be stray points."""
+
+INDEPENDENT_SHARE = 0.25
+"""Share of the thinned points of a side whose distances from it are independent: bodies are round, not only noisy."""
+
+SIDE_SIGMA_M = 0.02
+"""Minimum standard deviation of points about a side, metres."""
+
+TURNS = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Turns that are tried, as shares of the way from the axis that fits best to the expected one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +99,8 @@ class BoxFitter:
             rows: (P,) rows of `combined.detection_cloud`, sorted by group; a row may be in several groups.
             starts: (G,) first of `rows` of each group; each has at least one.
             class_ids: (G,) class of each group.
-            directions: Of the lengths, if something tells them: which side is the length is decided with the sizes.
+            directions: If something tells them: an axis that fits nearly as well is taken, and which side is the
+                length is decided with the sizes.
         """
         group = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(rows)))
         points, group = self.thin(combined, rows, group=group)
@@ -170,6 +182,8 @@ class BoxFitter:
         lidar_share = by_lidar / counts[:, None]
         time_ns = np.rint(np.add.reduceat(points.time_sum_ns, starts) / counts).astype(np.int64)
         rectangles = fit_rectangles(points.position, starts)
+        if directions is not None:
+            rectangles = _along_axes(rectangles, points.position, starts, directions.axes)
         top_m = quantiles_by_cluster(points.position[:, 2], starts, TOP_SHARE)
         boxes = complete_boxes(rectangles, top_m, lidar_share, lidar_xy, self._kinds, class_ids, directions)
         roundness, riders = np.ones(len(starts)), np.flatnonzero(boxes.rides)
@@ -200,6 +214,23 @@ class BoxFitter:
             covariances=box_covariances(boxes, rectangles, fitted.roundness, per_m2),
             time_offsets_ns=fitted.time_ns,
         )
+
+
+def _along_axes(rectangles: Rectangles, xy: F64, starts: I64, axes: Axes) -> Rectangles:
+    """The likeliest rectangles on the way to the axes, by these and the distances of the points from the sides.
+
+    The noise of the points is unknown, so a likelihood ratio is a power of the ratio of the mean squared distances.
+    """
+    counts = INDEPENDENT_SHARE * np.diff(starts, append=len(xy))
+    away_rad = wrap_angle(4 * (axes.angles_rad - rectangles.angle_rad)) / 4
+    best, least = rectangles, np.full(len(starts), np.inf)
+    for share in TURNS:
+        tried = rectangles_along(xy, starts, rectangles.angle_rad + share * away_rad) if share else rectangles
+        fit = counts / 2 * np.log(tried.residual_m**2 + SIDE_SIGMA_M**2)
+        cost = fit - np.maximum(axes.log_odds - ((1 - share) * away_rad / AXIS_SIGMA_RAD) ** 2 / 2, 0.0)
+        better = np.flatnonzero(cost < least)
+        best, least = replace_rows(best, better, select_rows(tried, better)), np.minimum(least, cost)
+    return best
 
 
 def _ground_arrays(combined: CombinedCloud, level_m: float) -> tuple[F64, F64, F64]:

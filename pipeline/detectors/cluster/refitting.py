@@ -30,7 +30,7 @@ class Refitter:
         self._max_size_m = np.array([prior.max_size_m for prior in classes])
 
     def __call__(
-        self, combined: CombinedCloud, boxes: Boxes3D, rows: Indices, *, shows_axes: bool = False
+        self, combined: CombinedCloud, boxes: Boxes3D, rows: Indices, directions: Directions | None = None
     ) -> tuple[Boxes3D, Indices]:
         """Boxes with new centres, sizes and yaws for some of them; and the rows of these.
 
@@ -41,7 +41,7 @@ class Refitter:
             combined: The cloud that the boxes were found in.
             boxes: Of their new classes.
             rows: The boxes to fit.
-            shows_axes: Whether the old boxes tell which side is the length; else the size alone decides.
+            directions: Of all boxes, if something tells them; see `BoxFitter`.
         """
         points, group = self._points_of(combined, boxes.select(rows))
         counts = np.bincount(group, minlength=len(rows))
@@ -51,8 +51,8 @@ class Refitter:
         if not len(rows):
             return boxes, rows
         class_ids = boxes.class_ids[rows].astype(np.int64)
-        directions = Directions(boxes.yaws[rows], boxes.covariances[rows, 2, 2]) if shows_axes else None
-        found = self._fitter(combined, points, np.cumsum(counts) - counts, class_ids, directions)
+        known = None if directions is None else directions.of_rows(rows)
+        found = self._fitter(combined, points, np.cumsum(counts) - counts, class_ids, known)
         fits = (found.sizes[:, :2] <= self._max_size_m[class_ids, :2]).all(1)
         rows = rows[fits]
         turned = np.cos(found.yaws[fits] - boxes.yaws[rows]) < 0

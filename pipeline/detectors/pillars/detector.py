@@ -14,7 +14,8 @@ from lidcam.pipeline.core.geometry.rotated_iou import ious, pair_ious
 from lidcam.pipeline.core.rig import Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.detectors.boxes import likely_boxes
-from lidcam.pipeline.detectors.cluster.completion import MAX_SLENDER_SHARE
+from lidcam.pipeline.detectors.cluster.axes import Axes, axes_of_neighbours
+from lidcam.pipeline.detectors.cluster.completion import MAX_SLENDER_SHARE, Directions
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
 from lidcam.pipeline.detectors.cluster.refitting import Refitter
 from lidcam.pipeline.detectors.log_odds import logit, sigmoid
@@ -223,7 +224,8 @@ class FittedPillarDetector:
 
     The network knows where objects are and where their front is; the points in a box show its sides and its heading
     more exactly. How long a vehicle is, of which a side is seen, the network knows better. So a vehicle is merged from
-    its two boxes: the more points a car has, the more its length is the network's.
+    its two boxes: the more points a car has, the more its length is the network's. Vehicles around a vehicle tell its
+    axis where its points hardly do.
 
     Attributes:
         network: The network.
@@ -255,7 +257,14 @@ class FittedPillarDetector:
         found, beside = (likely_boxes(combined, self._site_frame, one, 0.0) for one in (proposed, vehicles))
         found = found.select(~self._is_tall[found.class_ids]).joined(beside.select(self._is_tall[beside.class_ids]))
         found = self._as_vehicles(found.select(np.argsort(-found.scores, kind="stable")), vehicles)
-        fitted, _ = self._refit(combined, found, np.arange(len(found)), shows_axes=True)
+        by_network = self._fitted(combined, found, Axes.unknown(len(found)))
+        axes = axes_of_neighbours(by_network, ~self._is_slender[by_network.class_ids])
+        return self._fitted(combined, found, axes)
+
+    def _fitted(self, combined: CombinedCloud, found: Boxes3D, axes: Axes) -> Boxes3D:
+        """Boxes of the network, merged with those fitted to their points, with the expected axes of their sides."""
+        directions = Directions(found.yaws, found.covariances[:, 2, 2], axes)
+        fitted, _ = self._refit(combined, found, np.arange(len(found)), directions)
         agree = pair_ious(found, fitted).bev >= MIN_FITTED_IOU
         is_slender = self._is_slender[found.class_ids]
         better = agree * np.where(is_slender, 1, 2)

@@ -105,6 +105,19 @@ def test_a_tall_car_is_no_less_there_for_looking_like_a_truck(
     np.testing.assert_allclose(at(boxes, CAR).scores[0], 1 - doubt ** (1 + is_alike), rtol=1e-4)
 
 
+ROW: list[Box] = [(x, y, 0.75, 4.2, 1.75, 1.5, 0.3) for x, y in ((4.0, -4.0), (10.0, -4.0), (-4.0, -6.0))]
+
+
+def test_cars_around_tell_the_axis_of_one_with_few_points(tmp_path: Path) -> None:
+    hard: Box = (9.0, 8.0, *ROW[0][2:])
+    points, said = scan(LIDAR, [hard])[::40], np.add(hard, 1.5 * OFF)
+    alone = detector(tmp_path, [said])(combined(points))
+    assert abs(at(alone, hard).yaws[0] - hard[6]) > 0.25
+    cloud = combined(np.concatenate([points, scan(LIDAR, ROW)]))
+    boxes = detector(tmp_path, [*map(np.array, ROW), said])(cloud)
+    assert at(boxes, hard).yaws[0] == pytest.approx(hard[6], abs=0.02)
+
+
 def test_what_one_of_them_misses(tmp_path: Path) -> None:
     """A car of too few points for a cluster, one beyond the grid, and one that the network should have found."""
     few = scan(LIDAR, [FEW])[::400]

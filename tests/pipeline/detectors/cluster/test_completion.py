@@ -3,6 +3,7 @@ import pytest
 
 from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.cluster.axes import Axes
 from lidcam.pipeline.detectors.cluster.completion import CompletedBoxes, Directions, Kinds, complete_boxes
 from lidcam.pipeline.detectors.cluster.lshape import Rectangles
 
@@ -80,7 +81,7 @@ def test_length_along_the_second_axis_turns_the_yaw() -> None:
 def test_a_known_direction_and_the_size_tell_which_side_is_the_length(
     size_m: tuple[float, float], yaw: float, sigma: float, expected: float
 ) -> None:
-    directions = Directions(np.array([yaw]), np.array([sigma**2]))
+    directions = Directions(np.array([yaw]), np.array([sigma**2]), Axes.unknown(1))
     box = complete((8.0, -1.0), (8.0 + size_m[0], size_m[1] - 1.0), given=np.array([CAR]), directions=directions)
     assert abs(box.yaw_rad[0]) == pytest.approx(expected)
 

@@ -9,6 +9,8 @@ from lidar_scene import Box, combined, rig, scan
 from lidcam.pipeline.core.arrays import I64
 from lidcam.pipeline.core.clouds import CombinedCloud, Plane
 from lidcam.pipeline.core.settings.config import Config
+from lidcam.pipeline.detectors.cluster.axes import Axes
+from lidcam.pipeline.detectors.cluster.completion import Directions
 from lidcam.pipeline.detectors.cluster.detector import ClusterDetector
 from lidcam.pipeline.detectors.cluster.fitting import BoxFitter
 from lidcam.pipeline.detectors.protocols import Candidates3D
@@ -56,6 +58,30 @@ def test_box_is_completed_with_the_size_of_the_given_class() -> None:
         assert box.class_ids.tolist() == [class_id]
         assert box.sizes[0, 0] == pytest.approx(length)
         assert box.centers[0, 0] - length / 2 == pytest.approx(11.5, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("points", "axis_deg", "log_odds", "expected_deg"),
+    [
+        pytest.param(slice(None), 30.0, 3.0, 17.2, id="many points that show another axis"),
+        pytest.param(slice(None), 17.0, 3.0, 17.0, id="many points that show it, too"),
+        pytest.param([30, 80, 120, 160], 30.0, 3.0, 30.0, id="few points"),
+        pytest.param([30, 80, 120, 160], 120.0, 3.0, 30.0, id="across"),
+        pytest.param([30, 80, 120, 160], 30.0, -np.inf, None, id="few points and nothing known"),
+    ],
+)
+def test_an_expected_axis_is_taken_where_the_points_do_not_contradict(
+    points: slice | list[int], axis_deg: float, log_odds: float, expected_deg: float | None
+) -> None:
+    cloud, rows, starts = scene(CAR_BOX)
+    axes = Axes(np.deg2rad([axis_deg]), np.array([log_odds]))
+    directions = Directions(np.array([CAR_BOX[6]]), np.array([0.3]), axes)
+    box = FITTER(cloud, rows[points], starts, np.array([CAR]), directions)
+    if expected_deg is None:
+        directions = directions._replace(axes=Axes.unknown(1))
+        assert_same(box, FITTER(cloud, rows[points], starts, np.array([CAR]), directions))
+    else:
+        assert np.rad2deg(box.yaws) == pytest.approx([expected_deg], abs=1.0)
 
 
 def test_order_of_groups_and_points_does_not_matter() -> None:
