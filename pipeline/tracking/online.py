@@ -261,7 +261,8 @@ class OnlineTracker:
         live = replace(live, log_odds=log_odds, frames=live.frames + 1)
         seen, beliefs = live.select(tracks), sightings.beliefs
         are_parts = shows_part(sightings.class_ids, seen.class_ids, self._priors)
-        noise = np.where(are_parts[:, None, None], WEAK_NOISE, 1.0) * noise
+        is_weak = are_parts | ~sightings.are_reported
+        noise = np.where(is_weak[:, None, None], WEAK_NOISE, 1.0) * noise
         rolling_m_s = self._priors.noise[seen.class_ids, -1]
         modes = seen.modes.updated(sightings.boxes, sightings.later_s, seen.rear_m, noise, rolling_m_s)
         after = modes.combined()
@@ -282,7 +283,9 @@ class OnlineTracker:
             size_sums=seen.size_sums + weights * sightings.sizes[:, None],
             size_weights=seen.size_weights + weights,
             heights_m=sightings.heights_m,
-            shared_covariances=SHARED_ERROR * noise[:, :2, :2],
+            shared_covariances=np.where(
+                is_weak[:, None, None], seen.shared_covariances, SHARED_ERROR * noise[:, :2, :2]
+            ),
         )
         return replace_rows(live, tracks, seen)
 

@@ -113,6 +113,15 @@ def test_its_size_is_not_that_of_boxes_of_another_class() -> None:
     assert rows[-1].sizes[0] == pytest.approx([1.8, 0.6, 1.7])
 
 
+def test_improbable_boxes_beside_it_do_not_drive_off_with_a_parked_car() -> None:
+    """As of a hedge that is seen further on in each frame."""
+    parked = Mover(straight(0, 0, 0, 0), seen=lambda k: k < 20)
+    hedge = Mover(lambda t: (4 * (t - 1.9), 0.3, 0), belief=0.3, seen=lambda k: k >= 20)
+    rows = [rows for rows in tracked(scene([parked, hedge], 30, noise_m=0.1)) if len(rows)]
+    assert len(rows) >= 20
+    assert np.abs([row.states[0, [0, SPEED]] for row in rows[20:]]).max(initial=0.0) < 0.5
+
+
 def test_cars_that_pass_each_other_keep_their_numbers() -> None:
     movers = [Mover(straight(-20, 0, 0, 10.0)), Mover(straight(20, 3.5, np.pi, 10.0))]
     rows = tracked(scene(movers, 40))
