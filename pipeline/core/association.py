@@ -69,10 +69,7 @@ def detector_variances(xyxy: F32) -> F64:
 
 
 def anywhere_variances(image_sizes: F64) -> F64:
-    """(C, 4) variances of the features of boxes anywhere in images (C, 2), of any size: no position is less certain.
-
-    The derivatives of a box that reaches beside the camera, by which its rectangle spreads, say far more than that.
-    """
+    """(C, 4) variances of the features of boxes anywhere in images (C, 2), of any size: no position is less certain."""
     return np.column_stack([image_sizes**2, np.full((len(image_sizes), 2), LOG_SIZES**2)]) / 12
 
 

@@ -40,6 +40,7 @@ from lidcam.pipeline.fusion.matching.agreement import (
     before_matching,
     common_shifts,
     feature_jacobian,
+    limited_slopes,
     prior_covariances,
     spread,
 )
@@ -137,11 +138,11 @@ class Associate:
         is_first = first_of_runs(pairs.seen)
         near, pairs = pairs.seen[is_first], replace(pairs, seen=np.cumsum(is_first) - 1)
         seen, (hidden, rest) = seen.select(near), (each[near] for each in hiding)
-        jacobians = feature_jacobian(seen.xyxy, seen.jacobian)
         noise, widest = detector_variances(seen.xyxy), anywhere_variances(arrays.image_sizes)[seen.cameras]
         belief = BoxBelief(prior_covariances(boxes), np.log(self._confusion).T[boxes.class_ids], self._confusion)
         others = before_matching(belief, seen.rows)
-        by_box = noise + np.minimum(spread(others.covariances, jacobians), widest)
+        jacobians = limited_slopes(feature_jacobian(seen.xyxy, seen.jacobian), others.covariances, widest)
+        by_box = noise + spread(others.covariances, jacobians)
         differences = _differences(seen, rest, found, pairs, by_box)
         class_ids, base_worth = found.class_ids[pairs.found], self._base_worth(hidden, found, pairs)
         area_px = arrays.image_sizes.prod(1)[seen.cameras[pairs.seen]]
@@ -168,7 +169,7 @@ class Associate:
             fit[:, :2] -= shifts[rows]
             matched = MatchedPairs(rows, class_ids[chosen], fit, errors, squared[chosen], jacobians[rows])
             others = agreed_with_others(belief, seen.rows, matched)
-            by_box = noise + np.minimum(spread(others.covariances, jacobians), widest)
+            by_box = noise + spread(others.covariances, jacobians)
         return taken
 
     def _base_worth(self, hidden: F32, found: FoundBoxes, pairs: Pairs) -> F64:

@@ -88,6 +88,15 @@ def spread(covariances: F64, jacobians: F64) -> F64:
     return np.asarray((jacobians @ covariances * jacobians).sum(2))
 
 
+def limited_slopes(jacobians: F64, covariances: F64, widest: F64) -> F64:
+    """(P, 4, 3) derivatives by which features spread no further than `widest` (P, 4), their variances.
+
+    Those of a box that reaches beside the camera say far more, up to infinity: its projection is no linear function.
+    """
+    variances = np.maximum(spread(covariances, jacobians), 1e-30)
+    return np.asarray(jacobians * np.sqrt(np.minimum(widest / variances, 1.0))[..., None])
+
+
 def before_matching(boxes: BoxBelief, seen_rows: I64) -> Others:
     """The result of `agreed_with_others` without any match."""
     log_classes = _log_given(boxes.log_classes, boxes.confusion)

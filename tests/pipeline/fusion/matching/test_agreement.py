@@ -13,7 +13,9 @@ from lidcam.pipeline.fusion.matching.agreement import (
     agreed_with_others,
     before_matching,
     common_shifts,
+    limited_slopes,
     prior_covariances,
+    spread,
 )
 
 CAR, PEDESTRIAN, _, TRUCK, BUS = range(5)
@@ -70,6 +72,19 @@ def test_without_pairs_the_box_speaks_for_itself() -> None:
     np.testing.assert_allclose(others.covariances, alone.covariances)
     np.testing.assert_allclose(others.log_classes, alone.log_classes)
     assert not others.shifts.any()
+
+
+def test_what_reaches_beside_the_camera_says_no_more_than_the_image_shows() -> None:
+    """Two cameras have it in view; by the derivatives as they are, its covariance is singular."""
+    covariances, widest = belief().covariances[SEEN_ROWS], np.full((4, 4), 900.0)
+    slopes = limited_slopes(JACOBIANS * [[[1]], [[1]], [[1e15]], [[1e9]]], covariances, widest)
+    np.testing.assert_array_equal(slopes[:2], limited_slopes(JACOBIANS, covariances, widest)[:2])
+    assert spread(covariances, slopes).max() <= 900.0 * (1 + 1e-9)
+    assert not limited_slopes(np.zeros((4, 4, 3)), covariances, widest).any()
+    matched = pairs([2, 3], [CAR, CAR], np.ones((2, 4)))._replace(jacobians=slopes[2:])
+    others = agreed_with_others(belief(), SEEN_ROWS, matched)
+    assert (np.linalg.eigvalsh(others.covariances) > 0).all()
+    assert np.abs(others.shifts).max() < 1.0
 
 
 def test_unknown_covariances_are_guessed_by_size() -> None:
