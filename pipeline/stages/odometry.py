@@ -4,11 +4,12 @@ Generalized ICP (Segal et al., "Generalized-ICP", RSS 2009). Each cloud is regis
 some voxels away: the pattern of the beams is fixed in the site frame, and pulls the registration of clouds that are
 nearer to each other than its gaps towards no motion.
 
-Recorded motion is corrected: each step is the recorded one plus an error per metre, filtered from the registrations of
-the last MEMORY_FRAMES frames (growing-memory g-h filter; Brookner, "Tracking and Kalman Filtering Made Easy", 1998, ch.
-1 and 5). That removes drift without the noise of registration: on KITTI drive 0009 the recorded course is 1.4 degrees
-off the heading, by which static objects at the roadside would drift by 0.2 m/s. Where the clouds differ from the
-recorded step by more than odometry errors, as in dense traffic, or are featureless, as in a tunnel, the step is kept.
+Recorded motion is corrected once the rig is as far away from a key frame: each step is the recorded one plus an error
+per metre, filtered from the registrations of the last MEMORY_FRAMES frames (growing-memory g-h filter; Brookner,
+"Tracking and Kalman Filtering Made Easy", 1998, ch. 1 and 5). That removes drift without the noise of registration: on
+KITTI drive 0009 the recorded course is 1.4 degrees off the heading, by which static objects at the roadside would drift
+by 0.2 m/s. Where the clouds differ from the recorded step by more than odometry errors, as in dense traffic, or are
+featureless, as in a tunnel, the step is kept.
 
 Most rigs without recorded motion stand still. The clouds of the first second decide: a rig moves if the registered pose
 explains a cloud better than standing still. Afterwards a thin sample of points is compared once a second.
@@ -174,6 +175,9 @@ class FindOdometry:
             return pose, scan._replace(T_fixed_site=pose), False
         missed = max(round((stamp_ns - self._stamp_ns) / self._step_ns) - 1, 0) if self._step_ns else 0
         self._steps = max(min(self._steps + 1, MEMORY_FRAMES) - missed, 2)
+        assert self._key is not None
+        if self._displacement_m(np.linalg.inv(self._key.T_fixed_site) @ pose) < KEY_DISTANCE * self._unit_m:
+            return pose, scan._replace(T_fixed_site=pose), True
         k, twist = self._steps, _twist(error)
         if step_m > MIN_STEP * self._unit_m:
             self._error = self._error + twist * (6 / (k * (k + 1) * step_m))

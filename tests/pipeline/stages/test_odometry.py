@@ -152,6 +152,14 @@ def test_recorded_motion_is_corrected(course: Callable[[int], F64], off_deg: flo
     assert (errors_m(moved, truth) < most_m).all()
 
 
+def test_between_plain_walls_the_pattern_of_the_beams_is_no_error_of_recorded_motion() -> None:
+    walls = np.array([((-40.0, y, -1.7), (80.0, 0, 0), (0, 0, 6.0)) for y in (-9.0, 11.0)] + GROUND)
+    pattern = seen(at(0.0), walls)  # the same wherever the rig is
+    recorded = [at(0.2 * i) for i in range(16)]
+    clouds = [np.concatenate([pattern, seen(T, np.array(POSTS), seed=i)]) for i, T in enumerate(recorded)]
+    assert (errors_m(corrected(clouds, recorded), recorded) < 0.1).all()
+
+
 def test_after_a_gap_the_clouds_count_more_than_what_was_recorded_in_it() -> None:
     truth = {i: straight(i) for i in (*range(20), *range(40, 44))}
     find = FindOdometry()
