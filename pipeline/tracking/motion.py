@@ -160,13 +160,13 @@ def updated(motions: Motions, difference: F64, derivatives: F64, noise: F64, rob
 def with_known_axes(noise: F64, difference: F64, motions: Motions, rolling_m_s: F64) -> F64:
     """The covariances (N, 3, 3) of boxes, without the headings of those across the way of a vehicle that drives.
 
-    Their length was taken for their width: none turns so far within a frame. `difference` (N, 3) are the innovations,
-    `rolling_m_s` (N,) is the last column of the noise of `Priors`.
+    Their length was taken for their width, or two corners for a side: none turns so far within a frame. `difference`
+    (N, 3) are the innovations, `rolling_m_s` (N,) is the last column of the noise of `Priors`.
     """
     drives = np.abs(motions.states[:, SPEED]) > np.maximum(
         rolling_m_s, 3 * np.sqrt(motions.covariances[:, SPEED, SPEED])
     )
-    is_across = drives & (rolling_m_s > 0) & (np.abs(difference[:, 2]) > np.pi / 4)
+    is_across = drives & (rolling_m_s > 0) & (np.abs(difference[:, 2]) > np.pi / 6)
     noise = noise.copy()
     noise[is_across, 2, 2] = NO_AXIS_VARIANCE
     return noise

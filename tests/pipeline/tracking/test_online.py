@@ -61,9 +61,10 @@ def test_boxes_that_are_turned_round_do_not_turn_the_track() -> None:
     assert all(row.states[0, SPEED] > 0 for row in rows[10:])
 
 
-def test_boxes_across_the_way_do_not_turn_a_car_that_drives() -> None:
-    """In three frames, its length is taken for its width."""
-    rows = tracked(scene([Mover(lambda t: (6 * t, 0.0, np.pi / 2 * (0.95 < t < 1.25)))], 30))
+@pytest.mark.parametrize("turned_rad", [np.pi / 2, 0.7])
+def test_boxes_across_the_way_do_not_turn_a_car_that_drives(turned_rad: float) -> None:
+    """In three frames, its length is taken for its width, or two of its corners for a side."""
+    rows = tracked(scene([Mover(lambda t: (6 * t, 0.0, turned_rad * (0.95 < t < 1.25)))], 30))
     assert {number for row in rows for number in row.ids.tolist()} == {1}
     assert all(abs(row.states[0, HEADING]) < 0.15 for row in rows)
 
