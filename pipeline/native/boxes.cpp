@@ -161,9 +161,9 @@ Choice choose(const std::vector<Kind> &kinds, const double *measured, const doub
 }
 
 nb::tuple completed_boxes(In2<double> low, In2<double> high, In1<double> angle_rad, In1<double> cos_, In1<double> sin_,
-                          In1<double> top_m, In2<double> lidar_share, In2<double> lidar_xy, In1<int64_t> class_ids,
-                          In2<double> mean_m, In2<double> limit_m, In1<double> rarity, In1<int64_t> given_ids,
-                          In2<double> axis_costs, double max_slender_share) {
+                          In1<double> top_m, In1<double> gap_m, In2<double> lidar_share, In2<double> lidar_xy,
+                          In1<int64_t> class_ids, In2<double> mean_m, In2<double> limit_m, In1<double> rarity,
+                          In1<int64_t> given_ids, In2<double> axis_costs, double max_slender_share) {
     const size_t clusters = lidar_share.shape(0), lidars = lidar_share.shape(1);
     Out<int64_t> found({clusters});
     Out<double> center_xy({clusters, 2}), sizes({clusters, 3}), yaw_rad({clusters}), misfit({clusters});
@@ -216,6 +216,8 @@ nb::tuple completed_boxes(In2<double> low, In2<double> high, In1<double> angle_r
             const double of_slender = is_round ? PEDESTRIAN_ANCHOR : 0.0, anchored = is_slender ? of_slender : 1.0;
             rides[c] = is_slender && !is_round;
             const double height = top >= WHOLE_SHARE * mean[2] ? top : mean[2];
+            // The head of a person may be between two beams, which adds no points.
+            sizes(c, 2) = is_slender ? std::max(height, std::min(mean[2], top + gap_m.data()[c])) : height;
             const int turn = choice.row % 2;  // 1: the length lies along the second axis
             double full[2], center[2];
             for (int axis = 0; axis < 2; axis++) {
@@ -240,7 +242,6 @@ nb::tuple completed_boxes(In2<double> low, In2<double> high, In1<double> angle_r
                 const double grown = middle[axis] - anchor * missing_m / 2;
                 center[axis] = middle[axis] + anchored * (grown - middle[axis]);
             }
-            sizes(c, 2) = height;
             faces_m2[c] = (seen[0] * full[0] + seen[1] * full[1]) * height;
             center_xy(c, 0) = center[0] * cos - center[1] * sin;
             center_xy(c, 1) = center[0] * sin + center[1] * cos;
@@ -363,9 +364,9 @@ void add(nb::module_ &kernels) {
                 array("rows"), array("plane"), array("relief_m"), array("grid"), array("lidar_xyz"),
                 nb::arg("distance_m"), nb::arg("distance_per_m"), nb::arg("above_m"), nb::arg("below_m"));
     kernels.def("completed_boxes", &completed_boxes, array("low"), array("high"), array("angle_rad"), array("cos"),
-                array("sin"), array("top_m"), array("lidar_share"), array("lidar_xy"), array("class_ids"),
-                array("mean_m"), array("limit_m"), array("rarity"), array("given_ids"), array("axis_costs"),
-                nb::arg("max_slender_share"));
+                array("sin"), array("top_m"), array("gap_m"), array("lidar_share"), array("lidar_xy"),
+                array("class_ids"), array("mean_m"), array("limit_m"), array("rarity"), array("given_ids"),
+                array("axis_costs"), nb::arg("max_slender_share"));
     kernels.def("box_shapes", &box_shapes, array("position"), array("starts"), array("placed"), array("heading"),
                 array("sight"), nb::arg("reach_m"));
 }

@@ -161,6 +161,7 @@ def completed_boxes(
     cos: F64,
     sin: F64,
     top_m: F64,
+    gap_m: F64,
     lidar_share: F64,
     lidar_xy: F64,
     class_ids: I64,

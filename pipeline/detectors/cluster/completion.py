@@ -4,7 +4,8 @@ A lidar sees only the near sides of an object. A side that faces a lidar shows i
 taken from the size prior of the class. So a cluster is compared with each class, with the length along either axis of
 the rectangle; missing length counts only as far as it should have been visible. The box then keeps its near sides and
 grows away from the lidars; a cyclist's grows about its middle, and a pedestrian's a quarter as far away as that of a
-car. Of thin wheels and limbs hardly anything is seen, so neither is taken for smaller than its class.
+car. Of thin wheels and limbs hardly anything is seen, so neither is taken for smaller than its class; nor for lower, as
+far as the head may be between two beams.
 """
 
 from collections.abc import Sequence
@@ -47,7 +48,7 @@ class CompletedBoxes:
     yaw_rad: F64  # (C,) float64 direction of the length, in (-pi/2, pi/2]: the front is not known
     misfit: F64  # (C,) float64 squared deviation from the size prior in standard deviations, halved
     center_std_m: F64  # (C, 2) float64 standard deviation of the centre along length and width
-    faces_m2: F64  # (C,) float64 area of the box visible to the lidars, from their mean direction
+    faces_m2: F64  # (C,) float64 area that the lidars may see from their mean direction, up to the top that was seen
     rides: Bools  # (C,) bool, the class is that of a rider, by its proportions
 
 
@@ -79,6 +80,7 @@ class Kinds:
 def complete_boxes(
     rectangles: Rectangles,
     top_m: F64,
+    gap_m: F64,
     lidar_share: F64,
     lidar_xy: F64,
     kinds: Kinds,
@@ -90,6 +92,7 @@ def complete_boxes(
     Args:
         rectangles: Measured extents of C clusters.
         top_m: (C,) height of each cluster above the ground, metres.
+        gap_m: (C,) how much higher the object may be, as beams are that far apart, metres.
         lidar_share: (C, L) share of each cluster's points measured by each lidar.
         lidar_xy: (L, 2) positions of the lidars, metres, in the frame of the clusters.
         kinds: Sizes of the classes.
@@ -109,6 +112,7 @@ def complete_boxes(
             np.cos(rectangles.angle_rad),
             np.sin(rectangles.angle_rad),
             top_m,
+            gap_m,
             lidar_share,
             lidar_xy,
             kinds.class_ids,

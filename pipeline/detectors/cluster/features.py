@@ -4,6 +4,7 @@ import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64
 from lidcam.pipeline.core.detections import Boxes3D
+from lidcam.pipeline.detectors.cluster.kinds import KINDS
 from lidcam.pipeline.detectors.log_odds import logit
 from lidcam.pipeline.native.kernels import box_shapes
 
@@ -21,6 +22,12 @@ FEATURES = (
 """Names of the columns."""
 
 SHAPE = FEATURES.index("low")
+
+SLENDER = [KINDS.index("pedestrian"), KINDS.index("cyclist")]
+"""Kinds that are completed upwards (`complete_boxes`): a height counts as far as it was seen."""
+
+WHOLE_SHARE = 0.8
+"""Minimum share of such a height that was seen; of a lower part, the height is that of the class."""
 
 
 def box_features(boxes: Boxes3D, kinds: I64, position: F64, starts: I64, lidar_xy: F64) -> F64:
@@ -50,6 +57,9 @@ def box_features(boxes: Boxes3D, kinds: I64, position: F64, starts: I64, lidar_x
     found[:, 9] = np.abs(sight[:, 0])
     placed = np.column_stack([boxes.centers[:, :2], boxes.sizes])
     counts, found[:, SHAPE:] = box_shapes(position, starts, placed, heading, sight, REACH_M)
+    top = found[:, SHAPE + 2]
+    is_between = np.isin(kinds, SLENDER) & (top >= WHOLE_SHARE * boxes.sizes[:, 2])
+    found[is_between, 4] = np.minimum(boxes.sizes[:, 2], top)[is_between]
     points = np.log1p(counts[:, 0])
     found[:, 10], found[:, 11] = points, points + 2 * np.log(range_m)
     found[:, 12:SHAPE] = np.log1p(counts[:, 1:]) - points[:, None]

@@ -185,14 +185,15 @@ class BoxFitter:
         if directions is not None:
             rectangles = _along_axes(rectangles, points.position, starts, directions.axes)
         top_m = quantiles_by_cluster(points.position[:, 2], starts, TOP_SHARE)
-        boxes = complete_boxes(rectangles, top_m, lidar_share, lidar_xy, self._kinds, class_ids, directions)
+        gap_m = _widest_gaps(points.position[:, 2], starts)
+        boxes = complete_boxes(rectangles, top_m, gap_m, lidar_share, lidar_xy, self._kinds, class_ids, directions)
         roundness, riders = np.ones(len(starts)), np.flatnonzero(boxes.rides)
         if len(riders):
             rows, first = rows_of(starts, len(points.position), boxes.rides)
             xy = points.position[rows]
             axis_rad, roundness[riders] = principal_axes(xy, first)
             along = rectangles_along(xy, first, axis_rad)
-            again = top_m[riders], lidar_share[riders], lidar_xy, self._kinds, boxes.class_ids[riders]
+            again = top_m[riders], gap_m[riders], lidar_share[riders], lidar_xy, self._kinds, boxes.class_ids[riders]
             of_riders = None if directions is None else directions.of_rows(riders)
             boxes = replace_rows(boxes, riders, complete_boxes(along, *again, of_riders))
             rectangles = replace_rows(rectangles, riders, along)
@@ -254,3 +255,11 @@ def rows_of(starts: I64, count: int, is_wanted: Bools) -> tuple[Indices, I64]:
     counts = np.diff(starts, append=count)
     taken = counts[is_wanted]
     return np.repeat(is_wanted, counts).nonzero()[0], np.cumsum(taken) - taken
+
+
+def _widest_gaps(heights_m: F64, starts: I64) -> F64:
+    """(G,) the widest gap between the heights of the points of each group, metres: 0 of a single one."""
+    group = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(heights_m)))
+    steps_m = np.diff(heights_m[np.lexsort((heights_m, group))], prepend=0.0)
+    steps_m[starts] = 0.0
+    return np.asarray(np.maximum.reduceat(steps_m, starts))

@@ -11,6 +11,7 @@ PRIORS = Config().classes
 KINDS = Kinds.of(PRIORS)
 CAR, PEDESTRIAN, BICYCLE, TRUCK = range(4)
 LENGTH, WIDTH, HEIGHT = PRIORS[CAR].size_m
+TALL = PRIORS[PEDESTRIAN].size_m[2]
 
 
 def complete(
@@ -18,6 +19,7 @@ def complete(
     high: tuple[float, float],
     *,
     top_m: float = 1.5,
+    gap_m: float = 0.0,
     angle: float = 0.0,
     lidars: tuple[tuple[float, float], ...] = ((0.0, 0.0),),
     kinds: Kinds = KINDS,
@@ -28,7 +30,8 @@ def complete(
     n = 1 if given is None else len(given)
     rectangles = Rectangles(np.full(n, angle), np.tile(low, (n, 1)), np.tile(high, (n, 1)), np.zeros(n))
     share = np.full((n, len(lidars)), 1 / len(lidars))
-    return complete_boxes(rectangles, np.full(n, top_m), share, np.array(lidars), kinds, given, directions)
+    heights = np.full(n, top_m), np.full(n, gap_m)
+    return complete_boxes(rectangles, *heights, share, np.array(lidars), kinds, given, directions)
 
 
 @pytest.mark.parametrize(
@@ -143,8 +146,20 @@ def test_class_by_size(high: tuple[float, float], top_m: float, name: str) -> No
     assert names[box.class_ids[0]] == name
 
 
-def test_low_part_of_a_car_gets_the_height_of_the_prior() -> None:
-    assert complete((10.0, -0.85), (10.3, 0.85), top_m=0.9).sizes[0, 2] == HEIGHT
+@pytest.mark.parametrize(
+    ("given", "top_m", "gap_m", "height_m"),
+    [
+        pytest.param(CAR, 0.9, 0.0, HEIGHT, id="low part"),
+        pytest.param(CAR, 1.4, 0.3, 1.4, id="roof"),
+        pytest.param(PEDESTRIAN, 1.45, 0.35, TALL, id="the top is between two beams"),
+        pytest.param(PEDESTRIAN, 1.45, 0.1, 1.55, id="no higher than the next beam"),
+        pytest.param(PEDESTRIAN, 1.9, 0.35, 1.9, id="taller than usual"),
+        pytest.param(PEDESTRIAN, 1.3, 0.35, TALL, id="head hidden"),
+    ],
+)
+def test_heights(given: int, top_m: float, gap_m: float, height_m: float) -> None:
+    box = complete((10.0, -0.3), (10.3, 0.3), top_m=top_m, gap_m=gap_m, given=np.array([given]))
+    assert box.sizes[0, 2] == pytest.approx(height_m)
 
 
 @pytest.mark.parametrize("given", [None, np.array([TRUCK])])

@@ -93,3 +93,18 @@ def test_the_same_seen_from_another_side_of_the_site() -> None:
     box = np.array([*(BOX[:2] @ [[cos, sin], [-sin, cos]]), *BOX[2:6], BOX[6] + turn])
     one, other = features(points, BOX), features(turned, box)
     assert {n: v[0] for n, v in other.items()} == pytest.approx({n: v[0] for n, v in one.items()}, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("kind", "top_m", "height"),
+    [
+        pytest.param(2, 1.5, 1.5, id="head of a person between two beams"),
+        pytest.param(3, 1.5, 1.5, id="of a rider"),
+        pytest.param(2, 1.4, 1.8, id="head hidden"),
+        pytest.param(1, 1.5, 1.8, id="car"),
+    ],
+)
+def test_heights_of_people_count_as_far_as_they_are_seen(kind: int, top_m: float, height: float) -> None:
+    points = np.column_stack([np.full((9, 2), BOX[:2]), np.linspace(0.4, top_m, 9)])
+    found = box_features(boxes3d([BOX]), np.array([kind]), points, np.array([0, 9]), LIDARS)
+    assert found[0, FEATURES.index("height")] == pytest.approx(height)

@@ -125,3 +125,11 @@ def test_boxes_stand_on_the_ground_and_say_when_they_were_measured() -> None:
     assert boxes.centers[:, 2] - boxes.sizes[:, 2] / 2 == pytest.approx(0.1)
     means = [time_ns[: starts[1]].mean(), time_ns[starts[1] :].mean()]
     assert boxes.time_offsets_ns == pytest.approx(np.rint(means), abs=1)
+
+
+@pytest.mark.parametrize(("step_m", "height_m"), [(0.35, 1.75), (0.05, 1.5)])
+def test_the_head_of_a_person_may_be_between_two_beams(step_m: float, height_m: float) -> None:
+    y, z = np.meshgrid(np.linspace(-0.2, 0.2, 5), np.arange(1.45, 0.35, -step_m))
+    cloud = combined(np.column_stack([np.full(y.size, 10.0), y.ravel(), z.ravel()]))
+    box = FITTER(cloud, np.arange(y.size), np.array([0]), np.array([PEDESTRIAN]))
+    assert box.sizes[0, 2] == pytest.approx(height_m, abs=0.06)
