@@ -133,6 +133,11 @@ class CameraCorrection:
     late_sigma_ms: float
     zoom: float  # Factor on its focal lengths
 
+    @property
+    def is_seen(self) -> bool:
+        """Whether it is more than a hundredth of a degree or a millisecond, rounded."""
+        return self.turned_deg >= 0.005 or abs(self.late_ms) >= 0.5 or self.zoom != 1
+
     @classmethod
     def of(cls, fit: CameraFit) -> Self:
         """The correction of a fit."""
@@ -143,8 +148,9 @@ class CameraCorrection:
 
 
 def camera_corrections(rig: Rig) -> dict[str, CameraCorrection]:
-    """The corrections of the cameras of a rig that have one, by name."""
-    return {camera.name: CameraCorrection.of(camera.fit) for camera in rig.cameras if camera.fit.is_changed}
+    """The corrections of the cameras of a rig that are more than the figures show, by name."""
+    corrections = {one.name: CameraCorrection.of(one.fit) for one in rig.cameras if one.fit.is_changed}
+    return {name: one for name, one in corrections.items() if one.is_seen}
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from lidcam.pipeline.core.frame import Decoded, FrameResult
 from lidcam.pipeline.core.geometry.transform import Transform
 from lidcam.pipeline.core.geometry.transform_tree import TransformTree
 from lidcam.pipeline.core.optics.images import Image
-from lidcam.pipeline.core.rig import CameraSensor, LidarSensor, Rig
+from lidcam.pipeline.core.rig import CameraFit, CameraSensor, LidarSensor, Rig
 from lidcam.pipeline.core.settings.config import Config
 from lidcam.pipeline.stages.detect3d import Detect3D
 from lidcam.readers.messages.tf import RecordedTransforms
@@ -87,6 +87,14 @@ def test_direction_and_clock_are_corrected(
         assert told["cam"].turned_deg == pytest.approx(turned_deg, abs=0.1)
         assert told["cam"].late_ms == pytest.approx(late_ms, abs=8)
     assert camera.fit.direction_sigma_rad < 0.2 * DEGREE
+
+
+@pytest.mark.parametrize(
+    ("turn_rad", "late_s", "is_told"), [(1e-5, 0, False), (0, 2e-4, False), (0, 8e-4, True), (3e-4, 0, True)]
+)
+def test_a_correction_that_the_figures_do_not_show_is_not_told(turn_rad: float, late_s: float, is_told: bool) -> None:
+    fit = CameraFit(corrected=(0, turn_rad, 0, 0, 0, 0, late_s))
+    assert len(camera_corrections(replace(RIG, cameras=(replace(CAMERA, fit=fit),)))) == is_told
 
 
 @pytest.mark.parametrize("shown", ["raw", "rectified"])
