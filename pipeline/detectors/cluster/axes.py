@@ -48,7 +48,8 @@ def axes_of_neighbours(boxes: Boxes3D, are_vehicles: Bools) -> Axes:
     apart_m = np.linalg.norm(boxes.centers[:, None, :2] - boxes.centers[:, :2], axis=2)
     sure = are_vehicles * boxes.scores * boxes.point_counts / (boxes.point_counts + SURE_POINTS)
     weights = np.exp(-((apart_m / NEIGHBOUR_M) ** 2) / 2) * sure * (apart_m > MIN_APART_M)
-    mean = weights @ np.exp(4j * boxes.yaws) / (weights.sum(1) + ANY_WEIGHT)
+    # Not a product of matrices: it adds up in another order with other numbers of threads.
+    mean = (weights * np.exp(4j * boxes.yaws)).sum(1) / (weights.sum(1) + ANY_WEIGHT)
     share = np.abs(mean) * are_vehicles
     with np.errstate(divide="ignore"):
         return Axes(np.angle(mean) / 4, np.log(_DENSITY * share / (1 - share)))
