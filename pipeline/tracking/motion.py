@@ -38,6 +38,12 @@ ROBUST_DISTANCE = 9.0
 NO_AXIS_VARIANCE = 100.0
 """Yaw variance of boxes that show no axis, rad^2: they carry no heading."""
 
+DRIVING_SIGMAS = 3.0
+"""Minimum speed of a vehicle that drives, in standard deviations of the speed."""
+
+MAX_TURN_RAD = np.deg2rad(30.0)
+"""Maximum difference of the heading of a box from that of a vehicle that drives, for the box to show its axis."""
+
 _IDENTITY = np.eye(STATE)
 
 
@@ -163,10 +169,9 @@ def with_known_axes(noise: F64, difference: F64, motions: Motions, rolling_m_s: 
     Their length was taken for their width, or two corners for a side: none turns so far within a frame. `difference`
     (N, 3) are the innovations, `rolling_m_s` (N,) is the last column of the noise of `Priors`.
     """
-    drives = np.abs(motions.states[:, SPEED]) > np.maximum(
-        rolling_m_s, 3 * np.sqrt(motions.covariances[:, SPEED, SPEED])
-    )
-    is_across = drives & (rolling_m_s > 0) & (np.abs(difference[:, 2]) > np.pi / 6)
+    sigmas = np.sqrt(motions.covariances[:, SPEED, SPEED])
+    drives = np.abs(motions.states[:, SPEED]) > np.maximum(rolling_m_s, DRIVING_SIGMAS * sigmas)
+    is_across = drives & (rolling_m_s > 0) & (np.abs(difference[:, 2]) > MAX_TURN_RAD)
     noise = noise.copy()
     noise[is_across, 2, 2] = NO_AXIS_VARIANCE
     return noise

@@ -27,7 +27,8 @@ SLENDER = [KINDS.index("pedestrian"), KINDS.index("cyclist")]
 """Kinds that are completed upwards (`complete_boxes`): a height counts as far as it was seen."""
 
 WHOLE_SHARE = 0.8
-"""Minimum share of such a height that was seen; of a lower part, the height is that of the class."""
+"""Minimum share of such a height that was seen; of a lower part, the height is that of the class, as in
+`pipeline/native/boxes.cpp`."""
 
 
 def box_features(boxes: Boxes3D, kinds: I64, position: F64, starts: I64, lidar_xy: F64) -> F64:
