@@ -63,7 +63,7 @@ MAX_LINES = {
     "lidcam/training": (2540, 880),
     "pipeline": (170, 160),
     "pipeline/calibration": (1010, 510),
-    "pipeline/core": (4450, 2330),
+    "pipeline/core": (4460, 2330),
     "pipeline/detectors": (3820, 2900),
     "pipeline/evaluation": (3840, 2040),
     "pipeline/filters": (420, 570),

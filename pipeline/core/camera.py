@@ -137,10 +137,13 @@ class CameraModel:
         Left, top, right, bottom in pixels. Boxes have corners (N, 8, 3) in the order of `geometry.box_corners`, metres
         in the optical frame; those that reach behind the camera are cut at `NEAR_M` first.
         """
-        points, is_ahead = edge_samples(corners_camera, NEAR_M)
+        found = np.full((len(corners_camera), 4), np.nan, np.float32)
+        ahead = np.flatnonzero((corners_camera[..., 2] >= NEAR_M).any(1))
+        points, is_ahead = edge_samples(corners_camera[ahead], NEAR_M)
         pixels, valid = self.project(points)
         sizes = np.array([[self.width_px, self.height_px]], np.float64)
-        return rectangles_around(pixels, valid & is_ahead, sizes).astype(np.float32)
+        found[ahead] = rectangles_around(pixels, valid & is_ahead, sizes)
+        return found
 
 
 def rectangles_around(pixels: F64, valid: Bools, image_sizes: F64) -> F64:
@@ -154,6 +157,19 @@ def rectangles_around(pixels: F64, valid: Bools, image_sizes: F64) -> F64:
         valid: (N, L, S) which of them count.
         image_sizes: (N, 2) widths and heights of the images, or (1, 2) of all.
     """
+    by_axis = np.ascontiguousarray(pixels.T)  # (2, S, L, N): numpy is fastest along many areas
+    low, high = np.where(valid.T, by_axis, np.inf).min((1, 2)).T, np.where(valid.T, by_axis, -np.inf).max((1, 2)).T
+    may_show = ((low <= image_sizes) & (high >= 0)).all(1)
+    found = np.where(may_show[:, None], np.concatenate([low, high], 1), np.nan)
+    cut = np.flatnonzero(((found[:, :2] < 0) | (found[:, 2:] > image_sizes)).any(1))
+    if len(cut):
+        found[cut] = _cut_rectangles(pixels[cut], valid[cut], np.broadcast_to(image_sizes, (len(found), 2))[cut])
+    is_seen = (found[:, 2] > found[:, 0]) & (found[:, 3] > found[:, 1])
+    return np.where(is_seen[:, None], found, np.nan)
+
+
+def _cut_rectangles(pixels: F64, valid: Bools, image_sizes: F64) -> F64:
+    """(N, 4) rectangles of `rectangles_around` of areas that borders of their images may cut."""
     is_inside = valid & ((pixels >= 0) & (pixels <= image_sizes[:, None, None])).all(3)
     inside = np.where(is_inside[..., None], pixels, np.nan)
     parts = [np.stack([np.fmin.reduce(inside, (1, 2)), np.fmax.reduce(inside, (1, 2))], 1)]
@@ -161,9 +177,7 @@ def rectangles_around(pixels: F64, valid: Bools, image_sizes: F64) -> F64:
         for border in (np.zeros(1), image_sizes[:, axis]):
             parts.append(_between_crossings(pixels, valid, axis, border, image_sizes[:, 1 - axis]))
     shown = np.concatenate(parts, 1)
-    found = np.concatenate([np.fmin.reduce(shown, 1), np.fmax.reduce(shown, 1)], 1)
-    is_seen = (found[:, 2] > found[:, 0]) & (found[:, 3] > found[:, 1])
-    return np.where(is_seen[:, None], found, np.nan)
+    return np.concatenate([np.fmin.reduce(shown, 1), np.fmax.reduce(shown, 1)], 1)
 
 
 def _between_crossings(pixels: F64, valid: Bools, axis: int, border: F64, length: F64) -> F64:

@@ -260,6 +260,7 @@ def rows_of(starts: I64, count: int, is_wanted: Bools) -> tuple[Indices, I64]:
 def _widest_gaps(heights_m: F64, starts: I64) -> F64:
     """(G,) the widest gap between the heights of the points of each group, metres: 0 of a single one."""
     group = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(heights_m)))
-    steps_m = np.diff(heights_m[np.lexsort((heights_m, group))], prepend=0.0)
+    apart_m = np.ptp(heights_m) + 1.0  # Groups above each other: plain numbers are sorted five times as fast as rows
+    steps_m = np.diff(np.sort(heights_m + group * apart_m), prepend=0.0)
     steps_m[starts] = 0.0
     return np.asarray(np.maximum.reduceat(steps_m, starts))
