@@ -26,6 +26,10 @@ MIN_SAME_IOU = 0.5
 MAX_BARE_SHARE = 0.5
 """Maximum probability that an object without points would stand on ground that the lidars see."""
 
+MAX_TALLER = 1.25
+"""Maximum height of the 2D box of a person, on foot or riding, in heights of its partner there: a taller one shows
+somebody nearer."""
+
 MAX_UNMATCHED = 500
 """Maximum number of unmatched 2D boxes per frame that propose objects, those with the best scores."""
 
@@ -64,6 +68,7 @@ class Propose:
         self._names = tuple(camera.name for camera in rig.cameras)
         max_size_m = np.array([prior.max_size_m for prior in classes])
         self._max_ground_m2 = max_size_m[:, 0] * max_size_m[:, 1]
+        self._are_people = np.array([prior.is_upright for prior in classes])
         self._max_std_m = np.hypot(max_size_m[:, 0], max_size_m[:, 1]) / 2
         self._fit = ObjectFitter(rig, fitter, config, classes)
 
@@ -81,9 +86,8 @@ class Propose:
         sightings = placed.sightings
         partner = find_partners(sightings, matches, self._names)
         paired = np.flatnonzero(partner >= 0)
-        ground_m2 = lidar.sizes[partner[paired], :2].prod(1)
-        is_too_large = ground_m2 > self._max_ground_m2[sightings.class_ids[paired]]  # for the class of the 2D box
-        partner[paired[is_too_large]] = -1
+        fits = self._fits(sightings.select(paired), lidar.select(partner[paired]))
+        partner[paired[~fits]] = -1
         is_served = partner >= 0
         alone = np.flatnonzero(~is_served)
         left_out = Counter({OUT_OF_VIEW: placed.out_of_view, TOO_MANY: max(len(alone) - MAX_UNMATCHED, 0)})
@@ -111,6 +115,15 @@ class Propose:
         left_out[BARE] = int(np.isin(placed.objects[alone], left[is_bare]).sum())
         more = new.joined(placed.boxes.select(left[~is_bare]))
         return Proposed(lidar.joined(more) if len(more) else lidar, +left_out)
+
+    def _fits(self, sightings: Sightings, partners: Boxes3D) -> Bools:
+        """(P,) whether each 2D box may show its partner: an object that its class allows, or a person as tall as it."""
+        ground_m2, class_ids = partners.sizes[:, :2].prod(1), sightings.class_ids
+        ahead, offset_m = sightings.T_camera_site[:, 2, :3], sightings.T_camera_site[:, 2, 3]
+        depth_m = (ahead * partners.centers).sum(1) + offset_m - np.hypot(*partners.sizes[:, :2].T) / 2
+        height_m = depth_m * np.linalg.norm(sightings.rays[:, 1] - sightings.rays[:, 5], axis=1)
+        is_too_tall = self._are_people[class_ids] & (height_m > MAX_TALLER * partners.sizes[:, 2])
+        return np.asarray((ground_m2 <= self._max_ground_m2[class_ids]) & ~is_too_tall)
 
 
 def find_partners(sightings: Sightings, matches: Mapping[str, Matches], names: tuple[str, ...]) -> I64:

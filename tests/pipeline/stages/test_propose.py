@@ -22,7 +22,7 @@ from lidcam.pipeline.stages.detect3d import Detect3D
 from lidcam.pipeline.stages.propose import Propose, Proposed, find_partners
 
 CONFIG = Config()
-CAR, BICYCLE, TRUCK = 0, 2, 3
+CAR, PEDESTRIAN, BICYCLE, TRUCK = 0, 1, 2, 3
 LIDAR = (0.0, 0.0, 1.8)
 CAMERA = camera_at("cam", (0.0, 0.0, 1.6))
 CAR_BOX: Box = (16.0, 2.0, 0.775, 4.2, 1.75, 1.55, 0.2)
@@ -158,6 +158,17 @@ def test_cyclist_in_a_cluster_that_is_taken_for_a_car_gets_a_box_of_its_own() ->
     lidar, found = propose(cloud_of(cyclist, beside), replace(taken_for, stamp_ns=7), boxes, CAMERA)
     assert found.class_ids[len(lidar) :].tolist() == [BICYCLE]
     np.testing.assert_allclose(found.centers[-1, :2], cyclist[:2], atol=0.4)
+
+
+@pytest.mark.parametrize(("far_m", "count"), [(13.5, 1), (20.0, 2)])
+def test_near_person_is_not_the_one_behind(far_m: float, count: int) -> None:
+    near, far = ((x_m, 0.3, 0.85, 0.6, 0.6, 1.7, 0.0) for x_m in (13.0, far_m))
+    lidar = boxes3d([far], scores=[0.3], class_ids=[PEDESTRIAN])
+    _, found = propose(
+        cloud_of(near), replace(lidar, stamp_ns=7), {"cam": seen_by(CAMERA, [near], [PEDESTRIAN])}, CAMERA
+    )
+    assert len(found) == count
+    np.testing.assert_allclose(found.centers[-1, 0], (far_m, near[0])[count - 1], atol=0.3)
 
 
 def test_car_behind_another_one_is_no_part_of_it() -> None:
