@@ -70,7 +70,7 @@ MAX_LINES = {
     "pipeline/fusion": (2850, 1680),
     "pipeline/native": (3300, 0),
     "pipeline/parallel": (850, 500),
-    "pipeline/stages": (3150, 3350),
+    "pipeline/stages": (3150, 3360),
     "pipeline/tracking": (2540, 1200),
     "readers": (970, 530),
     "readers/files": (3300, 1870),

@@ -58,7 +58,10 @@ class ObjectFitter:
         self._lidar_xy = rig.lidar_xyz[:, :2]
         self._config = config
         self._size = np.array([prior.size_m for prior in classes])
-        self._max_size = np.array([prior.max_size_m for prior in classes])
+        self._max_height_m = np.array([prior.max_size_m[2] for prior in classes])
+        # People differ little in depth, and others stand behind them
+        deepest = [prior.size_m if prior.is_upright else prior.max_size_m for prior in classes]
+        self._reach_m = np.hypot(*np.array(deepest).T[:2])
 
     def __call__(self, combined: CombinedCloud, sightings: Sightings, placements: Placements) -> FittedObjects:
         """The objects of the 2D boxes that have points; a point may belong to several objects.
@@ -82,14 +85,14 @@ class ObjectFitter:
         (xy, covariances), heading = mean_places(placements), sightings.headings
         along = ((xy - sightings.origin[:, :2]) * heading).sum(1)
         variance = (heading[:, :, None] * covariances * heading[:, None, :]).sum((1, 2))
-        size, max_size = self._size[sightings.class_ids], self._max_size[sightings.class_ids]
+        size = self._size[sightings.class_ids]
         depth = (size[:, 0] + size[:, 1]) / 4
         range_m = np.linalg.norm(xy[:, None] - self._lidar_xy, axis=2).min(1, initial=np.inf)
         gap_m = range_m / np.sqrt(self._config.points_per_sr)
         return Expected(
             front_m=along - depth,
             front_std_m=np.sqrt(variance + (DEPTH_SIGMA * depth) ** 2),
-            reach_m=np.hypot(max_size[:, 0], max_size[:, 1]),
+            reach_m=self._reach_m[sightings.class_ids],
             clear_share=np.minimum(self._config.clearance_m / size[:, 2], MAX_CLEAR_SHARE),
             gap_share=gap_m / size[:, 2],
         )
@@ -100,7 +103,7 @@ class ObjectFitter:
         min_m, max_m = np.maximum(expected.front_m - margin, 0.0), expected.front_m + margin + expected.reach_m
         found = points_in_frustums(combined.detection_cloud.xyz, sightings, min_m, max_m)
         above = self._fitter.above_ground(combined, found.rows, self._config.clearance_m)
-        ceiling_m = MAX_HEIGHT_SHARE * self._max_size[sightings.class_ids, 2]
+        ceiling_m = MAX_HEIGHT_SHARE * self._max_height_m[sightings.class_ids]
         low = np.flatnonzero(above.position[:, 2] < ceiling_m[found.group[above.place]])
         return found.select(above.place[low]), above.link_distance_m[low]
 

@@ -171,6 +171,15 @@ def test_near_person_is_not_the_one_behind(far_m: float, count: int) -> None:
     np.testing.assert_allclose(found.centers[-1, 0], (far_m, near[0])[count - 1], atol=0.3)
 
 
+def test_people_right_behind_another_one_are_no_part_of_them() -> None:
+    near, *others = ((x_m, 0.3, 0.85, 0.4, 0.5, 1.7, 0.0) for x_m in (13.0, 13.4, 13.8, 14.2))
+    points = np.concatenate([cloud_of(near), *(cloud_of(other) for other in others)])
+    _, found = propose(points, nothing(), {"cam": seen_by(CAMERA, [near], [PEDESTRIAN])}, CAMERA)
+    assert len(found) == 1
+    assert found.class_ids[0] == PEDESTRIAN
+    assert found.sizes[0, :2].max() < CONFIG.classes[PEDESTRIAN].max_size_m[0]
+
+
 def test_car_behind_another_one_is_no_part_of_it() -> None:
     behind = (26.0, 2.6, 0.775, 4.2, 1.75, 1.55, 0.2)
     boxes = {"cam": seen_by(CAMERA, [CAR_BOX, behind], [CAR, CAR])}
