@@ -71,7 +71,7 @@ MAX_LINES = {
     "pipeline/native": (3300, 0),
     "pipeline/parallel": (850, 500),
     "pipeline/stages": (3150, 3360),
-    "pipeline/tracking": (2540, 1200),
+    "pipeline/tracking": (2580, 1220),
     "readers": (970, 530),
     "readers/files": (3300, 1870),
     "readers/messages": (3030, 2460),

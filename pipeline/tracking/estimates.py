@@ -1,7 +1,8 @@
 """Tracks estimated from all their sightings at once: class, size, front, and the state in every frame.
 
 The class is that with the largest sum of beliefs. Length and width are quantiles of the boxes', weighted by the number
-of points and by how well their covariances say that both ends were seen. Each box gets that size, with the side that
+of points and by how well their covariances say that both ends were seen; a length that nobody saw is as usual among
+those of its class that were seen. Each box gets that size, with the side that
 the lidars saw kept in place. The front is where the object went; that of a parked object, which has one pose, is the
 likelier one by its boxes and the lane beside it.
 """
@@ -12,6 +13,7 @@ from typing import Self
 import numpy as np
 
 from lidcam.pipeline.core.arrays import F64, I64, Bools, Indices, Table, first_of_runs
+from lidcam.pipeline.fusion.refining.box_prior import CLASS_SIZE_SIGMA, MAX_SIZE_SIGMA
 from lidcam.pipeline.tracking.motion import (
     HEADING,
     NO_AXIS_VARIANCE,
@@ -35,6 +37,7 @@ from lidcam.pipeline.tracking.sightings import (
     WEAK_NOISE,
     Scene,
     Sightings,
+    extent_sigmas_m,
     forward_log_odds,
     measurement_covariances,
     shows_part,
@@ -58,6 +61,12 @@ MIN_LANE_TRAVEL = 3.0
 SIZE_QUANTILE = 0.65
 """Quantile of the weighted lengths and widths; above the median, as other objects hide ends more often than they add to
 them."""
+
+MAX_SEEN_SIGMA = 0.06
+"""Maximum standard deviation of a length both of whose ends were seen, as a share of it."""
+
+CLASS_COUNT = 1.0
+"""Number of vehicles that the length of the class counts as in the usual length of those of a recording."""
 
 MIN_LANE_BELIEF = 0.5
 """Minimum mean probability of a track that defines a lane, over all of its frames: a track that steps from one parked
@@ -239,14 +248,38 @@ def _hits(scene: Scene, track_of: I64) -> _Hits:
 
 
 def _sizes(hits: _Hits, priors: Priors, class_ids: I64, history: History) -> F64:
-    """(T, 3) sizes by the history, else quantiles of the boxes of its class, and of one that is a little longer."""
+    """(T, 3) sizes by the history, else quantiles of the boxes of its class, and of one that is a little longer.
+
+    Lengths of vehicles are then multiplied by `_usual_shares`.
+    """
     sightings, are_solid = hits.sightings, priors.are_solid[class_ids]
     is_whole = shows_whole(sightings.class_ids, class_ids[hits.tracks], priors)
     weights = size_weights(sightings, np.where(is_whole, sightings.beliefs, NO_BELIEF), are_solid[hits.tracks])
     sides, groups = np.where(are_solid, SIZE_QUANTILE, 0.5), (hits.tracks, len(hits))
     shares = sides, sides, np.full(len(hits), 0.5)
     found = [weighted_quantiles(sightings.sizes[:, axis], weights[:, axis], *groups, shares[axis]) for axis in range(3)]
-    return np.where(np.isnan(history.sizes), np.stack(found, 1), history.sizes)
+    sizes = np.where(np.isnan(history.sizes), np.stack(found, 1), history.sizes)
+    is_new = are_solid & priors.are_alike[class_ids] & np.isnan(history.sizes[:, 0])
+    sizes[:, 0] *= np.where(is_new, _usual_shares(hits, sizes[:, 0], is_whole, priors, class_ids), 1.0)
+    return sizes
+
+
+def _usual_shares(hits: _Hits, lengths_m: F64, is_whole: Bools, priors: Priors, class_ids: I64) -> F64:
+    """(T,) factors of lengths: what nobody saw of them is as usual in the recording, not in the class.
+
+    Detectors complete boxes to the length of the class, but the cars of a country and of a year differ from it. The
+    usual length is the mean of the others that were seen and of the class, by their numbers (empirical Bayes).
+    """
+    sightings, count = hits.sightings, len(priors)
+    sigmas, beliefs = np.full(len(hits), MAX_SIZE_SIGMA), np.zeros(len(hits))
+    shares = extent_sigmas_m(sightings)[:, 0] / sightings.sizes[:, 0]
+    np.minimum.at(sigmas, hits.tracks, np.where(is_whole & sightings.are_reported, shares, MAX_SIZE_SIGMA))
+    np.maximum.at(beliefs, hits.tracks, sightings.beliefs)
+    weights = beliefs * (sigmas <= MAX_SEEN_SIGMA)
+    excess = weights * (lengths_m / priors.lengths_m[class_ids] - 1)
+    others, number = (np.bincount(class_ids, of, count)[class_ids] - of for of in (excess, weights))
+    usual = others / (number + CLASS_COUNT)
+    return np.asarray(1 + usual * sigmas**2 / (sigmas**2 + CLASS_SIZE_SIGMA**2))
 
 
 def _resized_boxes(hits: _Hits, sizes: F64) -> F64:

@@ -44,6 +44,9 @@ DRIVING_SIGMAS = 3.0
 MAX_TURN_RAD = np.deg2rad(30.0)
 """Maximum difference of the heading of a box from that of a vehicle that drives, for the box to show its axis."""
 
+MAX_ALIKE = 1.5
+"""Maximum length of objects that are of about one length, in usual lengths of their class."""
+
 _IDENTITY = np.eye(STATE)
 
 
@@ -59,6 +62,7 @@ class Priors(Table):
     speeds: F64  # (C,) standard deviation of the speed at the first sighting, m/s
     show_axis: Bools  # (C,) bool, whether the box shows the axis of the motion, as it does not for people on foot
     are_solid: Bools  # (C,) bool, whether points show both ends, as thin wheels and limbs do not
+    are_alike: Bools  # (C,) bool, whether all are of about one length, as cars are and trucks are not
 
     @classmethod
     def of_classes(cls, classes: Sequence[ClassPrior]) -> Self:
@@ -85,6 +89,7 @@ class Priors(Table):
             speeds=np.where(walks, 0.8, 2.5) * scales,
             show_axis=~walks,
             are_solid=~walks & (heights < 2 * widths),
+            are_alike=np.array([prior.max_size_m[0] for prior in classes]) <= MAX_ALIKE * lengths,
         )
 
     @property

@@ -194,12 +194,12 @@ def size_weights(sightings: Sightings, beliefs: F64, are_solid: Bools) -> F64:
         are_solid: (N,) whether points show both ends of the class of the track.
     """
     weights = np.tile((beliefs * np.maximum(sightings.point_counts, 1))[:, None], 3)
-    of_sides = sightings.side_views * (sightings.sizes[:, :2] / _extent_sigmas_m(sightings)) ** 2
+    of_sides = sightings.side_views * (sightings.sizes[:, :2] / extent_sigmas_m(sightings)) ** 2
     weights[:, :2] *= np.where(are_solid[:, None], of_sides, 1.0)
     return weights
 
 
-def _extent_sigmas_m(sightings: Sightings) -> F64:
+def extent_sigmas_m(sightings: Sightings) -> F64:
     """(N, 2) standard deviations of length and width by the covariances of the boxes.
 
     Where a side was not seen, the middle is as uncertain along the box as half the extent; where both were, it is no

@@ -37,6 +37,21 @@ def test_the_length_is_that_of_the_frames_that_show_both_ends() -> None:
     assert estimated(whole, labels, PRIORS).sizes[0, 0] == 3.5
 
 
+@pytest.mark.parametrize("class_id", [CAR, TRUCK])
+def test_a_length_that_nobody_saw_is_as_usual_in_the_recording(class_id: int) -> None:
+    movers = [Mover(straight(0, 9.0 * row, 0, 0), class_id=class_id) for row in range(9)]
+    whole = Scene.of(scene(movers, 10, noise_m=0.001))
+    labels, usual_m = np.tile(np.arange(9), 10), PRIORS.lengths_m[class_id]
+    is_last = labels == 8
+    whole.sightings.sizes[:, 0] = np.where(is_last, usual_m, 0.85 * usual_m)
+    whole.sightings.covariances[is_last, 0, 0] = 0.6**2
+    whole.sightings.sides[:, 0] = -1.0  # the lidars see the rear
+    found = estimated(whole, labels, PRIORS)
+    shorter = 1 - found.sizes[8, 0] / usual_m
+    assert shorter == pytest.approx(0.15 * 8 / 9 * 0.15**2 / (0.15**2 + 0.1**2) if class_id == CAR else 0.0, abs=0.01)
+    np.testing.assert_allclose(found.motions.states[-1, 0], -shorter * usual_m / 2, atol=0.02)
+
+
 def test_boxes_of_a_longer_class_show_the_whole_and_those_of_a_shorter_one_parts() -> None:
     whole, labels = one_track(scene([Mover(straight(0, 0, 0, 0), class_id=TRUCK)], 40, noise_m=0.01))
     turn = np.arange(40) % 4
