@@ -18,6 +18,7 @@ SETTINGS = {
     "output.layout": False,
     "fuse.min_score": 0.1,
     "detect3d.method": "cluster",
+    "track.mode": "online",  # offline, what is left out counts for the usual length of the others
 }
 
 
